@@ -1,0 +1,47 @@
+# Build settings shared by every room, and the two helpers that declare libraries and tests.
+
+set(CMAKE_CXX_STANDARD 20)
+set(CMAKE_CXX_STANDARD_REQUIRED ON)
+set(CMAKE_CXX_EXTENSIONS OFF)
+set(CMAKE_POSITION_INDEPENDENT_CODE ON)
+
+if(NOT CMAKE_BUILD_TYPE)
+  set(CMAKE_BUILD_TYPE RelWithDebInfo CACHE STRING "" FORCE)
+endif()
+set(CMAKE_CXX_FLAGS_RELWITHDEBINFO "-O3 -g -DNDEBUG")
+
+find_program(WAYMARK_CCACHE ccache)
+if(WAYMARK_CCACHE AND NOT CMAKE_CXX_COMPILER_LAUNCHER)
+  set(CMAKE_CXX_COMPILER_LAUNCHER ${WAYMARK_CCACHE})
+endif()
+
+add_library(waymark_flags INTERFACE)
+target_compile_options(waymark_flags INTERFACE
+  -Wall -Wextra -Wpedantic -Wshadow -Wnon-virtual-dtor -Wcast-align -Woverloaded-virtual
+  -fno-math-errno -fno-trapping-math)
+target_include_directories(waymark_flags INTERFACE "${PROJECT_SOURCE_DIR}" "${PROJECT_BINARY_DIR}")
+if(WAYMARK_SANITIZE)
+  target_compile_options(waymark_flags INTERFACE
+    -fsanitize=${WAYMARK_SANITIZE} -fno-sanitize-recover=all -fno-omit-frame-pointer)
+  target_link_options(waymark_flags INTERFACE -fsanitize=${WAYMARK_SANITIZE})
+endif()
+
+# waymark_library(NAME SOURCES... [LINK libs...])
+function(waymark_library name)
+  cmake_parse_arguments(ARG "" "" "LINK" ${ARGN})
+  add_library(${name} STATIC ${ARG_UNPARSED_ARGUMENTS})
+  target_link_libraries(${name} PUBLIC ${ARG_LINK} PRIVATE waymark_flags)
+  target_include_directories(${name} PUBLIC "${PROJECT_SOURCE_DIR}")
+endfunction()
+
+# waymark_test(NAME SOURCES... [LINK libs...]): a GoogleTest program, its cases known to ctest.
+function(waymark_test name)
+  if(NOT WAYMARK_TESTS)
+    return()
+  endif()
+  cmake_parse_arguments(ARG "" "" "LINK" ${ARGN})
+  add_executable(${name} ${ARG_UNPARSED_ARGUMENTS})
+  target_link_libraries(${name} PRIVATE ${ARG_LINK} waymark_flags GTest::gtest_main)
+  gtest_discover_tests(${name} DISCOVERY_TIMEOUT 60
+    PROPERTIES ENVIRONMENT "WAYMARK_SHARED_DATA=${PROJECT_SOURCE_DIR}/../shared/data")
+endfunction()

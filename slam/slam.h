@@ -1,0 +1,110 @@
+// The SLAM system: frames in, camera poses and a marker map out. Single-threaded and deterministic:
+// no clocks, no files; time comes in with the frame.
+#pragma once
+
+#include <cstdint>
+#include <memory>
+#include <optional>
+#include <span>
+#include <vector>
+
+#include "base/image_view.h"
+#include "slam/detection/dictionary.h"
+#include "slam/detection/marker_detection.h"
+#include "slam/geometry/camera_model.h"
+#include "slam/geometry/transform.h"
+#include "slam/map/map.h"
+#include "slam/options.h"
+
+namespace waymark::slam {
+
+// What the system is doing; seed 1, Fig. 4.
+enum class TrackingState {
+  kInitializing,  // no map yet
+  kTracking,      // this frame has a pose
+  kRelocalizing,  // there is a map, but this frame has no pose
+};
+
+enum class PoseSource { kNone, kMarkers, kNaturalFeatures, kPrediction };
+
+struct PoseEstimate {
+  Transform T_w_c;
+  // Of (dp, dtheta) as in Transform::retract: metres and radians, both in the world frame.
+  Matrix6d covariance = Matrix6d::Zero();
+  PoseSource source = PoseSource::kNone;
+  int markers_used = 0;
+  double reprojection_rms_px = 0.0;
+  // Squared-error ratio of the best and the second pose hypothesis: large is unambiguous, 1 is a
+  // coin toss.
+  double ambiguity_ratio = 0.0;
+};
+
+struct FrameTime {
+  std::uint64_t sequence = 0;
+  std::int64_t monotonic_ns = 0;  // mid-exposure
+};
+
+struct FrameResult {
+  TrackingState state = TrackingState::kInitializing;
+  std::optional<PoseEstimate> pose;
+  // Why there is no pose, for people; empty when there is one. Points to static text.
+  const char* reason = "";
+  bool map_changed = false;
+  bool keyframe_added = false;
+  // Valid until the next call.
+  std::span<const MarkerDetection> detections;
+};
+
+// Events since the start, each by cause. Fields are read by health and by stats.json.
+struct Counters {
+  std::uint64_t frames = 0;
+  std::uint64_t localized = 0;
+  std::uint64_t keyframes_added = 0;
+  std::uint64_t relocalizations = 0;
+  std::uint64_t loop_closures = 0;
+  std::uint64_t rejected_markers = 0;  // gated out of a pose because they did not fit
+  std::uint64_t rejected_poses = 0;    // a pose was computed and refused
+};
+
+// The caller's stopwatch: the SLAM has no clock of its own, so it says when a stage begins and ends.
+enum class Stage { kDetect, kTrack, kMap };
+class StageObserver {
+ public:
+  virtual ~StageObserver() = default;
+  virtual void begin(Stage stage) = 0;
+  virtual void end(Stage stage) = 0;
+};
+
+class Slam {
+ public:
+  // Precondition: options.invalidReason() is empty.
+  Slam(const CameraModel& camera, Dictionary dictionary, const Options& options);
+  ~Slam();
+  Slam(const Slam&) = delete;
+  Slam& operator=(const Slam&) = delete;
+
+  // Precondition: the image has the camera's size. `observer` may be null.
+  FrameResult processFrame(const ImageView& image, const FrameTime& time,
+                           StageObserver* observer = nullptr);
+  // The same from corners found elsewhere (recorded detections).
+  FrameResult processDetections(std::span<const MarkerDetection> detections, const FrameTime& time,
+                                StageObserver* observer = nullptr);
+
+  [[nodiscard]] const Map& map() const;
+  [[nodiscard]] const Counters& counters() const;
+  [[nodiscard]] const CameraModel& camera() const;
+
+  // Global optimisation of the whole map (section 4.10); for the end of a recording.
+  void optimiseGlobally();
+
+  // A frame's pose against the map as it is now, from its detections and a first guess; for
+  // trajectory_final. Empty when too few of the markers are in the map.
+  [[nodiscard]] std::optional<PoseEstimate> localize(std::span<const MarkerDetection> detections,
+                                                     const Transform& guess_T_w_c) const;
+
+ private:
+  class Impl;
+  std::unique_ptr<Impl> impl_;
+};
+
+}  // namespace waymark::slam
