@@ -30,10 +30,12 @@ void fillTurned(const cv::RotatedRect& rectangle, double grey, cv::Mat* image) {
   cv::Point2f corners[4];
   rectangle.points(corners);
   cv::Point polygon[4];
+  constexpr int kFractionBits = 4;
+  constexpr float kUnit = 1 << kFractionBits;
   std::transform(corners, corners + 4, polygon, [](const cv::Point2f& p) {
-    return cv::Point(cvRound(p.x), cvRound(p.y));
+    return cv::Point(cvRound(kUnit * p.x), cvRound(kUnit * p.y));
   });
-  cv::fillConvexPoly(*image, polygon, 4, cv::Scalar::all(grey));
+  cv::fillConvexPoly(*image, polygon, 4, cv::Scalar::all(grey), cv::LINE_AA, kFractionBits);
 }
 
 // A paper with a few darker or lighter fields on it, as a printed page or a poster has.
@@ -71,13 +73,13 @@ Texture::Texture(const Surface& surface, std::uint64_t seed)
   for (const double octave : {1.0, 0.4, 0.13}) {
     addNoise(wavelength * octave, 0.6 * paint.contrast * std::sqrt(octave), &random, &image);
   }
-  const double area = 4.0 * surface.half_width_m * surface.half_height_m;
-  const int patches = static_cast<int>(std::lround(area * paint.patches_per_m2));
-  for (int i = 0; i < patches; ++i) addPatch(paint.patch_size_m / paint.texel_m, &random, &image);
-  cv::GaussianBlur(image, image, cv::Size(), 0.8);
-
   cv::Mat grey;
   image.convertTo(grey, CV_8U);
+  const double area = 4.0 * surface.half_width_m * surface.half_height_m;
+  const int patches = static_cast<int>(std::lround(area * paint.patches_per_m2));
+  for (int i = 0; i < patches; ++i) addPatch(paint.patch_size_m / paint.texel_m, &random, &grey);
+  cv::GaussianBlur(grey, grey, cv::Size(), 0.8);
+
   width_ = static_cast<std::size_t>(grey.cols);
   last_column_ = static_cast<float>(grey.cols) - 1.001F;
   last_row_ = static_cast<float>(grey.rows) - 1.001F;
