@@ -22,14 +22,22 @@ struct OpenCvSource {
 const std::map<std::string, OpenCvSource, std::less<>>& openCvSources() {
   using namespace cv::aruco;  // NOLINT(google-build-using-namespace): twenty constants
   static const std::map<std::string, OpenCvSource, std::less<>> sources = {
-      {"4X4_50", {DICT_4X4_50, 0}},       {"4X4_100", {DICT_4X4_100, 0}},
-      {"4X4_250", {DICT_4X4_250, 0}},     {"4X4_1000", {DICT_4X4_1000, 0}},
-      {"5X5_50", {DICT_5X5_50, 0}},       {"5X5_100", {DICT_5X5_100, 0}},
-      {"5X5_250", {DICT_5X5_250, 0}},     {"5X5_1000", {DICT_5X5_1000, 0}},
-      {"6X6_50", {DICT_6X6_50, 0}},       {"6X6_100", {DICT_6X6_100, 0}},
-      {"6X6_250", {DICT_6X6_250, 0}},     {"6X6_1000", {DICT_6X6_1000, 0}},
-      {"7X7_50", {DICT_7X7_50, 0}},       {"7X7_100", {DICT_7X7_100, 0}},
-      {"7X7_250", {DICT_7X7_250, 0}},     {"7X7_1000", {DICT_7X7_1000, 0}},
+      {"4X4_50", {DICT_4X4_50, 0}},
+      {"4X4_100", {DICT_4X4_100, 0}},
+      {"4X4_250", {DICT_4X4_250, 0}},
+      {"4X4_1000", {DICT_4X4_1000, 0}},
+      {"5X5_50", {DICT_5X5_50, 0}},
+      {"5X5_100", {DICT_5X5_100, 0}},
+      {"5X5_250", {DICT_5X5_250, 0}},
+      {"5X5_1000", {DICT_5X5_1000, 0}},
+      {"6X6_50", {DICT_6X6_50, 0}},
+      {"6X6_100", {DICT_6X6_100, 0}},
+      {"6X6_250", {DICT_6X6_250, 0}},
+      {"6X6_1000", {DICT_6X6_1000, 0}},
+      {"7X7_50", {DICT_7X7_50, 0}},
+      {"7X7_100", {DICT_7X7_100, 0}},
+      {"7X7_250", {DICT_7X7_250, 0}},
+      {"7X7_1000", {DICT_7X7_1000, 0}},
       {"ARUCO_ORIGINAL", {DICT_ARUCO_ORIGINAL, 0}},
       {"APRILTAG_16h5", {DICT_APRILTAG_16h5, 2}},
       {"APRILTAG_25h9", {DICT_APRILTAG_25h9, 2}},
@@ -94,8 +102,7 @@ Dictionary::Dictionary(std::string name, int side, std::vector<std::uint64_t> co
 
 std::optional<Dictionary> Dictionary::byName(std::string_view name) {
   if (name == kArucoMip) {
-    return Dictionary(std::string(name), 6,
-                      {kArucoMip36h12.begin(), kArucoMip36h12.end()});
+    return Dictionary(std::string(name), 6, {kArucoMip36h12.begin(), kArucoMip36h12.end()});
   }
   const auto found = openCvSources().find(name);
   if (found == openCvSources().end()) return std::nullopt;
@@ -119,9 +126,9 @@ bool Dictionary::white(int id, int row, int column) const {
 }
 
 std::optional<Dictionary::Match> Dictionary::identify(std::uint64_t code, int max_hamming) const {
-  const auto exact = std::lower_bound(
-      entries_.begin(), entries_.end(), code,
-      [](const Entry& entry, std::uint64_t value) { return entry.code < value; });
+  const auto exact =
+      std::lower_bound(entries_.begin(), entries_.end(), code,
+                       [](const Entry& entry, std::uint64_t value) { return entry.code < value; });
   if (exact != entries_.end() && exact->code == code) {
     return Match{exact->id, exact->rotation, 0};
   }

@@ -30,8 +30,8 @@ class Dictionary {
   [[nodiscard]] static std::vector<std::string> names();
 
   [[nodiscard]] const std::string& name() const { return name_; }
-  [[nodiscard]] int side() const { return side_; }               // code cells along a side
-  [[nodiscard]] int cells() const { return side_ + 2; }          // with the border
+  [[nodiscard]] int side() const { return side_; }       // code cells along a side
+  [[nodiscard]] int cells() const { return side_ + 2; }  // with the border
   [[nodiscard]] int size() const { return static_cast<int>(codes_.size()); }
   [[nodiscard]] std::uint64_t code(int id) const { return codes_[static_cast<std::size_t>(id)]; }
   // Smallest number of differing bits between any two codes, over all four rotations.

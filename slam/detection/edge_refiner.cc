@@ -12,31 +12,40 @@
 namespace waymark::slam {
 namespace {
 
-// The Gaussian's distribution function, tabulated: it is needed some thousand times per marker.
+// The Gaussian's distribution function and density, tabulated: they are needed some thousand times
+// per marker.
 class GaussTable {
  public:
+  struct Value {
+    float cdf;
+    float pdf;
+  };
+
   GaussTable() {
-    for (int i = 0; i < kSize; ++i) {
+    for (int i = 0; i <= kSize; ++i) {
       const double x = -kRange + i / kPerUnit;
-      cdf_[static_cast<std::size_t>(i)] = static_cast<float>(0.5 * std::erfc(-x / std::sqrt(2.0)));
+      table_[static_cast<std::size_t>(i)] = {
+          static_cast<float>(0.5 * std::erfc(-x / std::sqrt(2.0))),
+          static_cast<float>(std::exp(-0.5 * x * x) / std::sqrt(2.0 * M_PI))};
     }
   }
-  [[nodiscard]] float cdf(float x) const {
+  [[nodiscard]] Value at(float x) const {
     const float position = (x + kRange) * kPerUnit;
-    if (!(position > 0.0F)) return 0.0F;
-    if (position >= kSize - 1.0F) return 1.0F;
+    if (!(position > 0.0F)) return {0.0F, 0.0F};
+    if (position >= static_cast<float>(kSize)) return {1.0F, 0.0F};
     const auto i = static_cast<std::size_t>(position);
     const float f = position - static_cast<float>(i);
-    return cdf_[i] + f * (cdf_[i + 1] - cdf_[i]);
+    const Value& low = table_[i];
+    const Value& high = table_[i + 1];
+    return {low.cdf + f * (high.cdf - low.cdf), low.pdf + f * (high.pdf - low.pdf)};
   }
-  // Density; exp() once per pixel is cheap enough and exact.
-  [[nodiscard]] static float pdf(float x) { return 0.39894228F * std::exp(-0.5F * x * x); }
+  [[nodiscard]] float cdf(float x) const { return at(x).cdf; }
 
  private:
-  static constexpr float kRange = 5.0F;
-  static constexpr float kPerUnit = 128.0F;
-  static constexpr int kSize = 1281;
-  std::array<float, kSize> cdf_{};
+  static constexpr float kRange = 4.5F;
+  static constexpr float kPerUnit = 64.0F;
+  static constexpr int kSize = 576;
+  std::array<Value, kSize + 1> table_{};
 };
 
 const GaussTable& gauss() {
@@ -69,14 +78,34 @@ struct Darkness {
   float by_blur;
 };
 
-Darkness darknessAt(const Sample& s, float shift, float blur) {
-  const float x = (s.distance - shift) / blur;
-  const float ends = gauss().cdf(s.to_start / blur) * gauss().cdf(s.to_end / blur);
-  const float ring = 1.0F - s.ring_white * gauss().cdf(-(s.distance + s.thickness) / blur);
-  const float factor = ends * ring;
-  const float slope = GaussTable::pdf(x) / blur * factor;
-  return {gauss().cdf(-x) * factor, slope, slope * x};
+Darkness darknessAt(const GaussTable& table, const Sample& s, float shift, float blur) {
+  const float x = (shift - s.distance) / blur;
+  float factor = table.cdf(s.to_start / blur) * table.cdf(s.to_end / blur);
+  if (s.ring_white > 0.0F) {
+    factor *= 1.0F - s.ring_white * table.cdf(-(s.distance + s.thickness) / blur);
+  }
+  const GaussTable::Value value = table.at(x);
+  const float slope = value.pdf / blur * factor;
+  return {value.cdf * factor, slope, -slope * x};
 }
+
+// Sums of the normal equations in single precision, padded to whole vectors: the loop over the
+// pixels is the refiner's cost.
+struct NormalSums {
+  using Row = Eigen::Matrix<float, 8, 1>;
+  Eigen::Matrix<float, 8, 8> H = Eigen::Matrix<float, 8, 8>::Zero();
+  Row g = Row::Zero();
+  float squares = 0.0F;
+  float weights = 0.0F;
+
+  void add(const Row& J, float residual, float weight) {
+    const Row wJ = weight * J;
+    H.noalias() += wJ * J.transpose();
+    g.noalias() += residual * wJ;
+    squares += weight * residual * residual;
+    weights += weight;
+  }
+};
 
 }  // namespace
 
@@ -268,41 +297,39 @@ std::optional<EdgeRefiner::SideFit> EdgeRefiner::fitSide(const ImageView& image,
   x << start.shift_start, start.shift_end, start.white, start.black, start.blur, 0.0, 0.0;
   MatrixPd H;
   double variance = 0.0;
+  const GaussTable& table = gauss();
   for (int iteration = 0; iteration < options_.iterations; ++iteration) {
-    H.setZero();
-    VectorPd g = VectorPd::Zero();
-    double sum = 0.0;
-    double weights = 0.0;
-    const double cut = iteration == 0 ? 1e9 : 9.0 * std::max(variance, 1.0);
+    NormalSums sums;
+    const Eigen::Matrix<float, kParameters, 1> xf = x.cast<float>();
+    const float contrast = xf[3] - xf[2];
+    const auto cut = static_cast<float>(iteration == 0 ? 1e9 : 9.0 * std::max(variance, 1.0));
     for (std::size_t i = 0; i < count; ++i) {
       const Sample& s = samples[i];
-      const double t = s.t;
-      const double shift = x[0] + t * (x[1] - x[0]);
-      const Darkness dark = darknessAt(s, static_cast<float>(shift), static_cast<float>(x[4]));
-      const double white = x[2] + x[5] * (t - 0.5);
-      const double black = x[3] + x[6] * (t - 0.5);
-      const double model = white + (black - white) * dark.value;
-      const double residual = model - s.grey;
-      const double contrast = black - white;
-      VectorPd J;
-      J << contrast * dark.by_shift * (1.0 - t), contrast * dark.by_shift * t, 1.0 - dark.value,
-          dark.value, contrast * dark.by_blur, (1.0 - dark.value) * (t - 0.5),
-          dark.value * (t - 0.5);
-      const double weight = 1.0 / (1.0 + residual * residual / cut);
-      H.selfadjointView<Eigen::Lower>().rankUpdate(J, weight);
-      g += weight * residual * J;
-      sum += weight * residual * residual;
-      weights += weight;
+      const float centred = s.t - 0.5F;
+      const Darkness dark = darknessAt(table, s, xf[0] + s.t * (xf[1] - xf[0]), xf[4]);
+      const float light = 1.0F - dark.value;
+      const float model =
+          light * (xf[2] + xf[5] * centred) + dark.value * (xf[3] + xf[6] * centred);
+      const float residual = model - s.grey;
+      const float by_shift = contrast * dark.by_shift;
+      NormalSums::Row J;
+      J << by_shift * (1.0F - s.t), by_shift * s.t, light, dark.value, contrast * dark.by_blur,
+          light * centred, dark.value * centred, 0.0F;
+      sums.add(J, residual, 1.0F / (1.0F + residual * residual / cut));
     }
+    H = sums.H.topLeftCorner<kParameters, kParameters>().cast<double>();
+    VectorPd g = sums.g.head<kParameters>().cast<double>();
     // In units of the residuals' variance, so that priors weigh against noise.
-    variance = std::max(sum / std::max(weights - kParameters, 1.0), 0.25);
+    variance = std::max(static_cast<double>(sums.squares) /
+                            std::max(static_cast<double>(sums.weights) - kParameters, 1.0),
+                        0.25);
     H(4, 4) += prior_blur * variance;
     g[4] += prior_blur * variance * (x[4] - start.blur);
     for (const int k : {5, 6}) {
       H(k, k) += prior_slope * variance;
       g[k] += prior_slope * variance * x[k];
     }
-    const Eigen::LDLT<MatrixPd> factor(H.selfadjointView<Eigen::Lower>());
+    const Eigen::LDLT<MatrixPd> factor(H);
     VectorPd update = factor.solve(g);
     if (!update.allFinite()) return std::nullopt;
     update[0] = std::clamp(update[0], -1.5, 1.5);
@@ -322,15 +349,15 @@ std::optional<EdgeRefiner::SideFit> EdgeRefiner::fitSide(const ImageView& image,
   fit.white = x[2];
   fit.black = x[3];
   fit.blur = x[4];
-  const MatrixPd inverse =
-      Eigen::LDLT<MatrixPd>(H.selfadjointView<Eigen::Lower>()).solve(MatrixPd::Identity());
+  const MatrixPd inverse = Eigen::LDLT<MatrixPd>(H).solve(MatrixPd::Identity());
   fit.covariance = variance * inverse.topLeftCorner<2, 2>();
   return fit;
 }
 
 std::optional<RefinedQuad> EdgeRefiner::refine(const ImageView& image,
                                                const std::array<Eigen::Vector2d, 4>& corners_px,
-                                               int cells, const InnerRing* ring) const {
+                                               int cells, const InnerRing* ring,
+                                               std::optional<double> blur_px) const {
   std::array<Eigen::Vector2d, 4> corners;
   for (std::size_t k = 0; k < 4; ++k) {
     const auto n = camera_.undistort(corners_px[k]);
@@ -338,14 +365,15 @@ std::optional<RefinedQuad> EdgeRefiner::refine(const ImageView& image,
     corners[k] = *n;
   }
   SideFit guess;
-  guess.blur = options_.initial_blur_px;
+  guess.blur = blur_px.value_or(options_.initial_blur_px);
   guess.white = 180.0;
   guess.black = 50.0;
   std::array<SideFit, 4> fits;
   fits.fill(guess);
   RefinedQuad result;
-  constexpr int kPasses = 2;  // the second one lays the window around the edge just found
-  for (int pass = 0; pass < kPasses; ++pass) {
+  constexpr int kPasses = 2;
+  bool settled = false;
+  for (int pass = 0; pass < kPasses && !settled; ++pass) {
     const auto sides = layOut(corners, cells);
     if (!sides) return std::nullopt;
     for (std::size_t k = 0; k < 4; ++k) {
@@ -355,6 +383,11 @@ std::optional<RefinedQuad> EdgeRefiner::refine(const ImageView& image,
       if (!fit) return std::nullopt;
       fits[k] = *fit;
     }
+    // Where the edge was far from the first guess, the window is laid around it and fitted again.
+    settled = std::all_of(fits.begin(), fits.end(), [&](const SideFit& fit) {
+      return std::max(std::abs(fit.shift_start), std::abs(fit.shift_end)) <
+             options_.settled_shift_px;
+    });
 
     // Lines through the moved end points; corner k lies between sides k - 1 and k.
     for (std::size_t k = 0; k < 4; ++k) {

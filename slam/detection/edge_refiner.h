@@ -35,6 +35,8 @@ struct EdgeRefinerOptions {
   double min_contrast = 15.0;
   // Farthest a side may move from the first guess, pixels.
   double max_shift_px = 3.0;
+  // A fit that moved a side by more than this is done again around the new place, pixels.
+  double settled_shift_px = 0.5;
   // Error of a corner that the grey levels do not show (print, paper, lens model), pixels.
   double systematic_sigma_px = 0.03;
 };
@@ -64,11 +66,13 @@ class EdgeRefiner {
               const EdgeRefinerOptions& options = {});
 
   // `corners_px`: clockwise in the image, good to about a pixel and a half. `cells`: cells along a
-  // side with the border. `ring` (may be null) must be in the order of the corners. Empty when a
-  // side has too little contrast or too few pixels, or runs away from the guess.
+  // side with the border. `ring` (may be null) must be in the order of the corners. `blur_px`: the
+  // blur to start from, where it is known. Empty when a side has too little contrast or too few
+  // pixels, or runs away from the guess.
   [[nodiscard]] std::optional<RefinedQuad> refine(const ImageView& image,
                                                   const std::array<Eigen::Vector2d, 4>& corners_px,
-                                                  int cells, const InnerRing* ring) const;
+                                                  int cells, const InnerRing* ring,
+                                                  std::optional<double> blur_px = {}) const;
 
  private:
   struct Side;

@@ -11,15 +11,15 @@ namespace waymark::slam {
 // The omega of seed 1, Eq. 10, with a covariance for each corner.
 struct MarkerDetection {
   int id = -1;
-  int hamming = 0;  // corrected bits of the code
+  int hamming = 0;                            // corrected bits of the code
   std::array<Eigen::Vector2d, 4> pixels;      // as seen, distorted, pixel centres
   std::array<Eigen::Vector2d, 4> normalised;  // undistorted, at z = 1
   // Of `normalised`, in its squared units.
   std::array<Eigen::Matrix2d, 4> covariance;
 };
 
-// The corners of a marker of the given size in its own frame, metres: origin at the centre, x right,
-// y up, z out of the print (Eq. 9 with the origin moved to the centre).
+// The corners of a marker of the given size in its own frame, metres: origin at the centre, x
+// right, y up, z out of the print (Eq. 9 with the origin moved to the centre).
 [[nodiscard]] inline std::array<Eigen::Vector3d, 4> markerCorners(double size_m) {
   const double h = 0.5 * size_m;
   return {Eigen::Vector3d(-h, h, 0.0), Eigen::Vector3d(h, h, 0.0), Eigen::Vector3d(h, -h, 0.0),

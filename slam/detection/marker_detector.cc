@@ -53,7 +53,7 @@ const std::vector<MarkerDetection>& MarkerDetector::detect(const ImageView& imag
     }
     const auto fine =
         refiner_.refine(image, upright(rough->pixels, match->rotation), dictionary_.cells(),
-                        &rings_[static_cast<std::size_t>(match->id)]);
+                        &rings_[static_cast<std::size_t>(match->id)], rough->blur_px);
     if (!fine) {
       ++counters_.no_edge;
       continue;
