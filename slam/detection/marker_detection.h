@@ -11,11 +11,17 @@ namespace waymark::slam {
 // The omega of seed 1, Eq. 10, with a covariance for each corner.
 struct MarkerDetection {
   int id = -1;
-  int hamming = 0;                            // corrected bits of the code
-  std::array<Eigen::Vector2d, 4> pixels;      // as seen, distorted, pixel centres
-  std::array<Eigen::Vector2d, 4> normalised;  // undistorted, at z = 1
+  int hamming = 0;                                                   // corrected bits of the code
+  std::array<Eigen::Vector2d, 4> pixels = zeros<Eigen::Vector2d>();  // distorted, pixel centres
+  std::array<Eigen::Vector2d, 4> normalised = zeros<Eigen::Vector2d>();  // undistorted, at z = 1
   // Of `normalised`, in its squared units.
-  std::array<Eigen::Matrix2d, 4> covariance;
+  std::array<Eigen::Matrix2d, 4> covariance = zeros<Eigen::Matrix2d>();
+
+ private:
+  template <typename T>
+  [[nodiscard]] static std::array<T, 4> zeros() {
+    return {T::Zero(), T::Zero(), T::Zero(), T::Zero()};
+  }
 };
 
 // The corners of a marker of the given size in its own frame, metres: origin at the centre, x

@@ -81,7 +81,7 @@ TEST(CameraModel, JacobianMatchesFiniteDifferences) {
   for (const Calibration& c : all()) {
     const CameraModel camera(c);
     for (const Eigen::Vector2d& n : {Eigen::Vector2d(0.0, 0.0), Eigen::Vector2d(1e-7, 0.0),
-                                    Eigen::Vector2d(0.2, -0.3), Eigen::Vector2d(-0.35, 0.1)}) {
+                                     Eigen::Vector2d(0.2, -0.3), Eigen::Vector2d(-0.35, 0.1)}) {
       Eigen::Matrix2d J;
       (void)camera.distort(n, &J);
       for (int k = 0; k < 2; ++k) {

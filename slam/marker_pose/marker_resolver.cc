@@ -99,8 +99,8 @@ std::optional<Transform> resolveMarkerPose(std::span<const MarkerView> views, do
   }
   const double n = static_cast<double>(views.size());
   if (!(best.cost <= options.worst_chi2_per_view * n)) return std::nullopt;
-  const double systematic = options.square.systematic_sigma_px / focal_px;
-  const double floor = 2.0 * n * systematic * systematic / corner_variance;
+  const double floor =
+      comparisonFloor(corner_variance, focal_px, static_cast<int>(views.size()), options.square);
   if ((other_cost + floor) / (best.cost + floor) < options.ambiguity_ratio) return std::nullopt;
   return best.T_w_m;
 }

@@ -177,10 +177,7 @@ std::optional<SquarePose> estimateSquarePose(const MarkerDetection& detection, d
     pose.T_c_m[k] = refined[k]->T_c_m;
     pose.error[k] = refined[k]->error;
   }
-  // Both errors were whitened by the corners' covariance; the systematic part adds to the variance,
-  // and two degrees of freedom are left for it to show in.
-  const double systematic = options.systematic_sigma_px / focal_px;
-  const double floor = 2.0 * systematic * systematic / corner_variance;
+  const double floor = comparisonFloor(corner_variance, focal_px, 1, options);
   pose.ratio = (pose.error[1] + floor) / (pose.error[0] + floor);
   return pose;
 }

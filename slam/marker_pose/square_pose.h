@@ -13,6 +13,10 @@ struct SquarePoseOptions {
   // Error a corner may have beyond its covariance (lens model, bent paper), pixels at the image
   // centre. It keeps the ratio of two tiny errors from passing for certainty.
   double systematic_sigma_px = 0.10;
+  // Added to both squared errors before their ratio is taken, without unit. Noise alone can make
+  // one of two good fits three times better than the other; at tau_e = 3 this asks for a difference
+  // of at least twice the value, that is odds of e^5 for 5.
+  double evidence_floor = 5.0;
   int refinement_iterations = 10;
 };
 
@@ -22,12 +26,21 @@ struct SquarePose {
   // Sum of the squared whitened residuals of the four corners (8 of them), without unit: about 2
   // for a right solution (8 residuals less 6 parameters).
   std::array<double, 2> error{};
-  // error[1] / error[0] with the systematic error added to both: 1 is a coin toss. The paper's
-  // tau_e applies to this.
+  // error[1] / error[0] with the systematic error and the floor added to both: 1 is a coin toss.
+  // The paper's tau_e applies to this.
   double ratio = 1.0;
 
   [[nodiscard]] bool unambiguous(double tau_e) const { return ratio > tau_e; }
 };
+
+// What is added to the squared whitened errors of `views` views of a marker before two hypotheses
+// are compared; see SquarePoseOptions. corner_variance: mean variance of a corner coordinate,
+// normalised.
+[[nodiscard]] inline double comparisonFloor(double corner_variance, double focal_px, int views,
+                                            const SquarePoseOptions& options) {
+  const double systematic = options.systematic_sigma_px / focal_px;
+  return options.evidence_floor + 2.0 * views * systematic * systematic / corner_variance;
+}
 
 // Both IPPE solutions, each refined by Gauss-Newton on the whitened reprojection error. Empty for
 // corners that are not the convex image of a square in front of the camera.

@@ -1,0 +1,59 @@
+#include "slam/marker_pose/marker_resolver.h"
+
+#include <random>
+
+#include <gtest/gtest.h>
+
+#include "slam/testing/synthetic.h"
+
+namespace waymark::slam {
+namespace {
+
+constexpr double kSize = 0.12;
+
+// A small, far, almost frontal marker: ambiguous in every single view.
+class MarkerResolverTest : public ::testing::Test {
+ protected:
+  std::vector<MarkerView> views(int count, double baseline_m) {
+    detections_.clear();
+    std::vector<MarkerView> out;
+    for (int i = 0; i < count; ++i) {
+      const double x = baseline_m * (i - 0.5 * (count - 1));
+      const Transform T_w_c = testing::lookAt({x, -1.2, 0.1 * (i % 2)}, T_w_m_.p);
+      auto seen = testing::observe(camera_, T_w_c, 0, T_w_m_, kSize, 0.15, &rng_);
+      EXPECT_TRUE(seen);
+      detections_.push_back(*seen);
+      out.push_back({nullptr, T_w_c});
+    }
+    for (std::size_t i = 0; i < out.size(); ++i) out[i].detection = &detections_[i];
+    return out;
+  }
+
+  std::mt19937 rng_{11};
+  CameraModel camera_{testing::testCalibration()};
+  Transform T_w_m_ = testing::markerFacing({0.0, 3.0, 0.0}, {0.5, 0.0, 0.2});
+  std::vector<MarkerDetection> detections_;
+};
+
+TEST_F(MarkerResolverTest, ManyAmbiguousViewsDecide) {
+  const auto many = views(8, 0.35);
+  const auto pose = resolveMarkerPose(many, kSize, camera_.focalLength());
+  ASSERT_TRUE(pose);
+  EXPECT_LT(rotationDistance(pose->R, T_w_m_.R), 0.06);
+  EXPECT_LT((pose->p - T_w_m_.p).norm(), 0.02);
+}
+
+TEST_F(MarkerResolverTest, TooFewViewsOrNoBaselineDoNot) {
+  EXPECT_FALSE(resolveMarkerPose(views(2, 0.35), kSize, camera_.focalLength()));
+  EXPECT_FALSE(resolveMarkerPose(views(6, 0.001), kSize, camera_.focalLength()));
+  EXPECT_FALSE(resolveMarkerPose({}, kSize, camera_.focalLength()));
+}
+
+TEST_F(MarkerResolverTest, RefusesViewsThatContradictEachOther) {
+  auto many = views(8, 0.35);
+  for (std::size_t i = 0; i < many.size(); i += 2) many[i].T_w_c.p.x() += 0.5;  // wrong poses
+  EXPECT_FALSE(resolveMarkerPose(many, kSize, camera_.focalLength()));
+}
+
+}  // namespace
+}  // namespace waymark::slam

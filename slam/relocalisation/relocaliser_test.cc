@@ -1,0 +1,75 @@
+#include "slam/relocalisation/relocaliser.h"
+
+#include <random>
+
+#include <gtest/gtest.h>
+
+#include "slam/testing/synthetic.h"
+
+namespace waymark::slam {
+namespace {
+
+constexpr double kSize = 0.12;
+
+class RelocaliserTest : public ::testing::Test {
+ protected:
+  std::vector<KnownMarker> known(const std::vector<MarkerDetection>& detections) {
+    std::vector<KnownMarker> out;
+    for (const MarkerDetection& d : detections) {
+      KnownMarker marker;
+      marker.T_w_m = markers_[static_cast<std::size_t>(d.id)].T_w_m;
+      marker.size_m = kSize;
+      marker.observation.detection = &d;
+      marker.observation.corners_w = markerCorners(kSize);
+      for (auto& corner : marker.observation.corners_w) corner = marker.T_w_m * corner;
+      out.push_back(marker);
+    }
+    return out;
+  }
+
+  std::mt19937 rng_{5};
+  CameraModel camera_{testing::testCalibration()};
+  std::vector<testing::SyntheticMarker> markers_ = testing::markerWall(2, 3, 0.6, &rng_);
+  PoseOptimiser optimiser_{camera_.focalLength()};
+  Transform truth_ = testing::lookAt({0.3, -1.5, 0.1}, {0.0, 3.0, 0.0});
+};
+
+TEST_F(RelocaliserTest, FindsThePoseFromAmbiguousMarkers) {
+  const auto detections = testing::observeAll(camera_, truth_, markers_, kSize, 0.3, &rng_);
+  ASSERT_GE(detections.size(), 3U);
+  const auto found = relocalise(known(detections), optimiser_, camera_.focalLength());
+  ASSERT_TRUE(found);
+  EXPECT_LT((found->solution.T_w_c.p - truth_.p).norm(), 0.15);
+  EXPECT_LT(rotationDistance(found->solution.T_w_c.R, truth_.R), 0.05);
+  EXPECT_GT(found->ambiguity_ratio, 1.0);
+}
+
+TEST_F(RelocaliserTest, RefusesOneAmbiguousMarkerAlone) {
+  auto detections = testing::observeAll(camera_, truth_, markers_, kSize, 0.3, &rng_);
+  detections.resize(1);
+  EXPECT_FALSE(relocalise(known(detections), optimiser_, camera_.focalLength()));
+}
+
+TEST_F(RelocaliserTest, TakesOneUnambiguousMarker) {
+  const Transform near = testing::lookAt({0.9, 2.2, 0.1}, markers_[1].T_w_m.p);
+  auto detections = testing::observeAll(camera_, near, markers_, kSize, 0.05, &rng_);
+  std::erase_if(detections, [](const MarkerDetection& d) { return d.id != 1; });
+  ASSERT_EQ(detections.size(), 1U);
+  const auto found = relocalise(known(detections), optimiser_, camera_.focalLength());
+  ASSERT_TRUE(found);
+  EXPECT_LT((found->solution.T_w_c.p - near.p).norm(), 0.02);
+}
+
+TEST_F(RelocaliserTest, RefusesAMapThatDoesNotFit) {
+  auto detections = testing::observeAll(camera_, truth_, markers_, kSize, 0.05, &rng_);
+  ASSERT_GE(detections.size(), 4U);
+  // Every marker hangs somewhere else than the map says.
+  std::uniform_real_distribution<double> u(-1.0, 1.0);
+  for (auto& marker : markers_) marker.T_w_m.p += Eigen::Vector3d(u(rng_), u(rng_), u(rng_));
+  const auto found = relocalise(known(detections), optimiser_, camera_.focalLength());
+  EXPECT_TRUE(!found || found->solution.rms_px > 3.0);
+  EXPECT_FALSE(relocalise({}, optimiser_, camera_.focalLength()));
+}
+
+}  // namespace
+}  // namespace waymark::slam
