@@ -1,0 +1,24 @@
+// SIGTERM and SIGINT as something to wait for, instead of handlers in which nothing may be done.
+#pragma once
+
+#include "daemon/unique_fd.h"
+
+namespace waymark::daemon {
+
+class StopSignal {
+ public:
+  // Blocks both signals in this thread and in all it starts from now on.
+  StopSignal();
+
+  // Returns when one of the signals has come, or finish() was called.
+  void wait();
+
+  // Any thread.
+  void finish();
+
+ private:
+  UniqueFd signals_;
+  UniqueFd finished_;
+};
+
+}  // namespace waymark::daemon
