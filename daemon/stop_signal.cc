@@ -5,7 +5,6 @@
 #include <sys/signalfd.h>
 
 #include <array>
-#include <cerrno>
 #include <csignal>
 
 namespace waymark::daemon {
@@ -20,12 +19,18 @@ StopSignal::StopSignal() : finished_(eventfd(0, EFD_CLOEXEC)) {
 }
 
 void StopSignal::wait() {
-  std::array<pollfd, 2> files{pollfd{signals_.get(), POLLIN, 0},
-                              pollfd{finished_.get(), POLLIN, 0}};
-  while (poll(files.data(), files.size(), -1) < 0 && errno == EINTR) {
+  while (!poll(-1)) {
   }
 }
 
+bool StopSignal::pending() const { return poll(0); }
+
 void StopSignal::finish() { eventfd_write(finished_.get(), 1); }
+
+bool StopSignal::poll(int timeout_ms) const {
+  std::array<pollfd, 2> files{pollfd{signals_.get(), POLLIN, 0},
+                              pollfd{finished_.get(), POLLIN, 0}};
+  return ::poll(files.data(), files.size(), timeout_ms) > 0;
+}
 
 }  // namespace waymark::daemon

@@ -13,10 +13,15 @@ class StopSignal {
   // Returns when one of the signals has come, or finish() was called.
   void wait();
 
+  // Has one of them come already?
+  [[nodiscard]] bool pending() const;
+
   // Any thread.
   void finish();
 
  private:
+  [[nodiscard]] bool poll(int timeout_ms) const;
+
   UniqueFd signals_;
   UniqueFd finished_;
 };
