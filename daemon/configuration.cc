@@ -155,8 +155,38 @@ const std::vector<Rule>& rules() {
       {"slam.dictionary", kRequired, text(FIELD(slam.dictionary), checkDictionary)},
       {"slam.marker_size_m", kRequired,
        number(FIELD(slam.options.marker_size_m), 1e-3, 100.0, "m")},
-      {"slam.ambiguity_ratio", kOptional,
-       number(FIELD(slam.options.ambiguity_ratio), 1.0, 1000.0, "")},
+      {"slam.detector.scanner.threshold_window_px", kOptional,
+       integer(FIELD(slam.options.detector.scanner.threshold_window_px), 3, 255)},
+      {"slam.detector.scanner.min_side_px", kOptional,
+       number(FIELD(slam.options.detector.scanner.min_side_px), 4.0, 1000.0, "px")},
+      {"slam.detector.edges.min_contrast", kOptional,
+       number(FIELD(slam.options.detector.edges.min_contrast), 1.0, 255.0, "grey levels")},
+      {"slam.detector.decoder.max_wrong_bits", kOptional,
+       integer(FIELD(slam.options.detector.decoder.max_wrong_bits), 0, 8)},
+      {"slam.initialisation.ambiguity_ratio", kOptional,
+       number(FIELD(slam.options.initialisation.ambiguity_ratio), 1.0, 1000.0, "")},
+      {"slam.tracking.marker_chi2", kOptional,
+       number(FIELD(slam.options.tracking.marker_chi2), 1.0, 1e6, "")},
+      {"slam.tracking.worst_rms_px", kOptional,
+       number(FIELD(slam.options.tracking.worst_rms_px), 0.1, 100.0, "px")},
+      {"slam.motion.max_extrapolation_s", kOptional,
+       number(FIELD(slam.options.motion.max_extrapolation_s), 0.0, 10.0, "s")},
+      {"slam.keyframes.min_baseline_m", kOptional,
+       number(FIELD(slam.options.keyframes.min_baseline_m), 1e-4, 100.0, "m")},
+      {"slam.keyframes.min_baseline_per_depth", kOptional,
+       number(FIELD(slam.options.keyframes.min_baseline_per_depth), 0.0, 10.0, "")},
+      {"slam.keyframes.min_rotation_rad", kOptional,
+       number(FIELD(slam.options.keyframes.min_rotation_rad), 1e-3, 3.0, "rad")},
+      {"slam.keyframes.views_per_marker", kOptional,
+       integer(FIELD(slam.options.keyframes.views_per_marker), 2, 1000)},
+      {"slam.marker_pose.min_views", kOptional,
+       integer(FIELD(slam.options.marker_pose.min_views), 2, 100)},
+      {"slam.marker_pose.ambiguity_ratio", kOptional,
+       number(FIELD(slam.options.marker_pose.ambiguity_ratio), 1.0, 1000.0, "")},
+      {"slam.relocalisation.ambiguity_ratio", kOptional,
+       number(FIELD(slam.options.relocalisation.ambiguity_ratio), 1.0, 1000.0, "")},
+      {"slam.local_optimisation.max_iterations", kOptional,
+       integer(FIELD(slam.options.local_optimisation.max_iterations), 1, 100)},
       {"queue.depth", kOptional, integer(FIELD(queue.depth), 1, 64)},
       {"publish.url", kOptional, text(FIELD(publish.url), checkUrl)},
       {"publish.channel_prefix", kOptional, text(FIELD(publish.channel_prefix), checkChannel)},
@@ -227,6 +257,9 @@ bool simulated(const Configuration& c) { return c.camera.source.starts_with("sim
 Status checkTogether(const Configuration& c, const fs::path& file) {
   if (!simulated(c) && c.camera.calibration.empty()) {
     return Error{file.string() + ": camera.calibration: missing; only simulated cameras bring one"};
+  }
+  if (const std::string reason = c.slam.options.invalidReason(); !reason.empty()) {
+    return Error{file.string() + ": slam: " + reason};
   }
   return success();
 }

@@ -1,5 +1,8 @@
 #include "daemon/configuration.h"
 
+#include <fstream>
+#include <iterator>
+#include <regex>
 #include <string>
 
 #include <gtest/gtest.h>
@@ -24,38 +27,45 @@ TEST(Configuration, TheCommentedExampleIsValid) {
   EXPECT_EQ(c->slam.options.marker_size_m, 0.165);
 }
 
-// The example shows every key, and the defaults it names are the true ones.
+std::string readFile(const char* path) {
+  std::ifstream file(path);
+  return {std::istreambuf_iterator<char>(file), {}};
+}
+
+// "# key = value" becomes "key = value"; prose stays a comment.
+std::string uncommented(const std::string& text) {
+  return std::regex_replace(text, std::regex("(^|\n)# ([a-z_.0-9]+ = )"), "$1$2");
+}
+
+// The defaults that the example names are the true ones.
 TEST(Configuration, TheExampleWithEverythingUncommentedChangesNoDefault) {
-  const std::string everything = R"(
-[camera]
-source = "sim:walls"
-[camera.simulator]
-seed = 1
-width = 640
-height = 480
-loop_s = 4.0
-[slam]
-dictionary = "ARUCO_MIP_36h12"
-marker_size_m = 0.165
-ambiguity_ratio = 3.0
-[queue]
-depth = 4
-[publish]
-url = "udpm://239.255.76.67:7667?ttl=0"
-channel_prefix = "WAYMARK_"
-pose_channel = "POSE"
-detections = true
-[log]
-level = "info"
-)";
-  const Result<Configuration> c = parseConfiguration(everything, "w.toml");
+  const Result<Configuration> c =
+      parseConfiguration(uncommented(readFile(WAYMARK_EXAMPLE_CONFIGURATION)), "w.toml");
   ASSERT_TRUE(c) << c.error().message;
+  EXPECT_EQ(c->camera.calibration, "calib.yml") << "nothing was uncommented";
   const Configuration d;
   EXPECT_EQ(c->camera.simulator.seed, d.camera.simulator.seed);
   EXPECT_EQ(c->camera.simulator.width, d.camera.simulator.width);
   EXPECT_EQ(c->camera.simulator.height, d.camera.simulator.height);
   EXPECT_EQ(c->camera.simulator.loop_s, d.camera.simulator.loop_s);
-  EXPECT_EQ(c->slam.options.ambiguity_ratio, d.slam.options.ambiguity_ratio);
+  const slam::Options& o = c->slam.options;
+  const slam::Options& e = d.slam.options;
+  EXPECT_EQ(o.detector.scanner.threshold_window_px, e.detector.scanner.threshold_window_px);
+  EXPECT_EQ(o.detector.scanner.min_side_px, e.detector.scanner.min_side_px);
+  EXPECT_EQ(o.detector.edges.min_contrast, e.detector.edges.min_contrast);
+  EXPECT_EQ(o.detector.decoder.max_wrong_bits, e.detector.decoder.max_wrong_bits);
+  EXPECT_EQ(o.initialisation.ambiguity_ratio, e.initialisation.ambiguity_ratio);
+  EXPECT_EQ(o.tracking.marker_chi2, e.tracking.marker_chi2);
+  EXPECT_EQ(o.tracking.worst_rms_px, e.tracking.worst_rms_px);
+  EXPECT_EQ(o.motion.max_extrapolation_s, e.motion.max_extrapolation_s);
+  EXPECT_EQ(o.keyframes.min_baseline_m, e.keyframes.min_baseline_m);
+  EXPECT_EQ(o.keyframes.min_baseline_per_depth, e.keyframes.min_baseline_per_depth);
+  EXPECT_EQ(o.keyframes.min_rotation_rad, e.keyframes.min_rotation_rad);
+  EXPECT_EQ(o.keyframes.views_per_marker, e.keyframes.views_per_marker);
+  EXPECT_EQ(o.marker_pose.min_views, e.marker_pose.min_views);
+  EXPECT_EQ(o.marker_pose.ambiguity_ratio, e.marker_pose.ambiguity_ratio);
+  EXPECT_EQ(o.relocalisation.ambiguity_ratio, e.relocalisation.ambiguity_ratio);
+  EXPECT_EQ(o.local_optimisation.max_iterations, e.local_optimisation.max_iterations);
   EXPECT_EQ(c->queue.depth, d.queue.depth);
   EXPECT_EQ(c->publish.url, d.publish.url);
   EXPECT_EQ(c->publish.channel_prefix, d.publish.channel_prefix);
