@@ -6,6 +6,7 @@
 #include <CLI/CLI.hpp>
 
 #include "io/number_text.h"
+#include "tools/echo_command.h"
 #include "tools/eval_command.h"
 #include "tools/exit_code.h"
 #include "tools/run_command.h"
@@ -18,6 +19,7 @@ int main(int argc, char** argv) {
   app.require_subcommand(1);
   addRunCommand(app, &exit_code);
   addEvalCommand(app, &exit_code);
+  addEchoCommand(app, &exit_code);
 
   try {
     app.parse(argc, argv);
