@@ -50,10 +50,14 @@ bool outOfView(const std::array<Eigen::Vector3d, 4>& p_c, const RayTable::Bounds
          all([&](const P& p) { return p.y() > b.y_high * p.z(); });
 }
 
-// A rolling shutter's poses at the first, middle and last row; a global one's only pose.
+// A rolling shutter's poses at some of its rows, so close that between them nothing moves far; a
+// global one's only pose.
 std::vector<const slam::Transform*> samplePoses(const RowPoses& poses) {
-  if (poses.T_w_c.size() == 1) return {&poses.T_w_c.front()};
-  return {&poses.T_w_c.front(), &poses.T_w_c[poses.T_w_c.size() / 2], &poses.T_w_c.back()};
+  constexpr std::size_t kRows = 32;
+  std::vector<const slam::Transform*> samples;
+  for (std::size_t i = 0; i < poses.T_w_c.size(); i += kRows) samples.push_back(&poses.T_w_c[i]);
+  if (samples.back() != &poses.T_w_c.back()) samples.push_back(&poses.T_w_c.back());
+  return samples;
 }
 
 // Rows and columns of the ray table, ends excluded.

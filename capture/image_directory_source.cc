@@ -1,0 +1,163 @@
+#include "capture/image_directory_source.h"
+
+#include <algorithm>
+#include <array>
+#include <cctype>
+#include <cmath>
+#include <fstream>
+#include <sstream>
+#include <string>
+#include <string_view>
+#include <utility>
+#include <vector>
+
+#include <opencv2/core.hpp>
+#include <opencv2/imgcodecs.hpp>
+
+#include "base/decimal_seconds.h"
+
+namespace waymark::capture {
+namespace fs = std::filesystem;
+namespace {
+
+constexpr double kDefaultRate = 30.0;  // Hz
+constexpr int kBuffers = 4;
+constexpr const char* kTimesFile = "frames.txt";
+
+struct ImageFile {
+  fs::path path;
+  std::int64_t time_ns = 0;
+};
+
+bool isImage(const fs::path& path) {
+  constexpr std::array<std::string_view, 7> kExtensions = {".jpg", ".jpeg", ".png", ".pgm",
+                                                           ".bmp", ".tif",  ".tiff"};
+  std::string extension = path.extension().string();
+  for (char& c : extension) c = static_cast<char>(std::tolower(static_cast<unsigned char>(c)));
+  return std::find(kExtensions.begin(), kExtensions.end(), extension) != kExtensions.end();
+}
+
+Result<std::vector<ImageFile>> listImages(const fs::path& directory) {
+  std::vector<ImageFile> files;
+  std::error_code error;
+  for (fs::directory_iterator entry(directory, error), end; !error && entry != end;
+       entry.increment(error)) {
+    if (isImage(entry->path())) files.push_back({entry->path()});
+  }
+  if (error) return Error{directory.string() + ": cannot be read: " + error.message()};
+  std::sort(files.begin(), files.end(), [](const ImageFile& a, const ImageFile& b) {
+    return a.path.filename().native() < b.path.filename().native();
+  });
+  return files;
+}
+
+Result<std::vector<ImageFile>> readTimes(const fs::path& times_file) {
+  std::ifstream stream(times_file);
+  if (!stream) return Error{times_file.string() + ": cannot be read"};
+  std::vector<ImageFile> files;
+  std::string line;
+  for (int number = 1; std::getline(stream, line); ++number) {
+    std::istringstream fields(line.substr(0, line.find('#')));
+    std::string name, seconds, extra;
+    if (!(fields >> name)) continue;
+    const std::string place = times_file.string() + ":" + std::to_string(number) + ": ";
+    if (!(fields >> seconds) || (fields >> extra)) {
+      return Error{place + "must be: FILE SECONDS"};
+    }
+    const std::optional<std::int64_t> time_ns = parseSeconds(seconds);
+    if (!time_ns) return Error{place + "'" + seconds + "' is not a time in seconds"};
+    if (!files.empty() && *time_ns <= files.back().time_ns) {
+      return Error{place + "time " + seconds + " is not later than the one before"};
+    }
+    files.push_back({times_file.parent_path() / name, *time_ns});
+  }
+  return files;
+}
+
+// Empty when OpenCV cannot read it.
+cv::Mat readGrey(const fs::path& path) {
+  try {
+    return cv::imread(path.string(), cv::IMREAD_GRAYSCALE | cv::IMREAD_IGNORE_ORIENTATION);
+  } catch (const cv::Exception&) {
+    return {};
+  }
+}
+
+class ImageDirectorySource final : public FrameSource {
+ public:
+  ImageDirectorySource(std::vector<ImageFile> files, StreamInfo info)
+      : files_(std::move(files)),
+        info_(std::move(info)),
+        pool_(info_.width, info_.height, kBuffers) {}
+
+  [[nodiscard]] const StreamInfo& info() const override { return info_; }
+  [[nodiscard]] SourceCounters counters() const override { return {.frames = next_}; }
+
+  [[nodiscard]] ReadResult read(std::chrono::milliseconds /*timeout*/) override {
+    if (next_ == files_.size()) return EndOfStream{};
+    FramePtr frame = pool_.acquire();
+    if (!frame) return TimedOut{};  // nothing is lost: the next call goes on here
+    const ImageFile& file = files_[next_];
+    const cv::Mat image = readGrey(file.path);
+    if (image.empty()) return Error{file.path.string() + ": is not a readable image"};
+    if (image.cols != info_.width || image.rows != info_.height) {
+      return Error{file.path.string() + ": is " + sizeText(image.cols, image.rows) +
+                   ", the images before are " + sizeText(info_.width, info_.height)};
+    }
+    image.copyTo(cv::Mat(info_.height, info_.width, CV_8UC1, frame->pixels()));
+    frame->setStamp(
+        {.sequence = next_, .monotonic_ns = file.time_ns, .utime = file.time_ns / 1000});
+    ++next_;
+    return frame;
+  }
+
+ private:
+  static std::string sizeText(int width, int height) {
+    return std::to_string(width) + "x" + std::to_string(height);
+  }
+
+  std::vector<ImageFile> files_;
+  StreamInfo info_;
+  std::size_t next_ = 0;
+  FramePool pool_;
+};
+
+double meanRate(const std::vector<ImageFile>& files) {
+  if (files.size() < 2) return 0.0;
+  const auto span_ns = static_cast<double>(files.back().time_ns - files.front().time_ns);
+  return 1e9 * static_cast<double>(files.size() - 1) / span_ns;
+}
+
+}  // namespace
+
+Result<std::unique_ptr<FrameSource>> openImageDirectory(const fs::path& path,
+                                                        std::optional<double> fps) {
+  std::error_code error;
+  const bool timed = fs::exists(path / kTimesFile, error);
+  Result<std::vector<ImageFile>> listed = timed ? readTimes(path / kTimesFile) : listImages(path);
+  if (!listed) return listed.error();
+  std::vector<ImageFile> files = std::move(listed).value();
+  if (files.empty()) return Error{path.string() + ": has no images"};
+
+  const bool recorded_times = timed && !fps;
+  StreamInfo info;
+  info.rate_hz = recorded_times ? meanRate(files) : fps.value_or(kDefaultRate);
+  if (!recorded_times) {
+    for (std::size_t i = 0; i < files.size(); ++i) {
+      files[i].time_ns = std::llround(1e9 * static_cast<double>(i) / info.rate_hz);
+    }
+  }
+  const cv::Mat first = readGrey(files.front().path);
+  if (first.empty()) return Error{files.front().path.string() + ": is not a readable image"};
+  info.width = first.cols;
+  info.height = first.rows;
+  info.frame_count = static_cast<std::int64_t>(files.size());
+  char text[80];
+  std::snprintf(text, sizeof text, ", %zu images, %dx%d, %.4g Hz%s", files.size(), info.width,
+                info.height, info.rate_hz, recorded_times || fps ? "" : " (assumed)");
+  info.description = path.string() + text;
+  return std::unique_ptr<FrameSource>(
+      std::make_unique<ImageDirectorySource>(std::move(files), std::move(info)));
+}
+
+}  // namespace waymark::capture

@@ -1,0 +1,89 @@
+#include "daemon/camera_setup.h"
+
+#include <memory>
+#include <string>
+#include <utility>
+
+#include "capture/open_source.h"
+#include "io/calibration_file.h"
+#include "simulator/live_source.h"
+
+namespace waymark::daemon {
+namespace {
+
+using OpenResult = Result<std::unique_ptr<capture::FrameSource>>;
+
+constexpr std::string_view kSimulated = "sim:";
+
+std::string inWords(int width, int height) {
+  return std::to_string(width) + "x" + std::to_string(height);
+}
+
+// The SLAM takes pictures of exactly the size its calibration is for.
+OpenResult matching(OpenResult opened, const slam::Calibration& calibration) {
+  if (!opened) return opened;
+  const capture::StreamInfo& info = (*opened)->info();
+  if (info.width == calibration.width && info.height == calibration.height) return opened;
+  return Error{info.description + ": the pictures are " + inWords(info.width, info.height) +
+               ", but the calibration is for " +
+               inWords(calibration.width, calibration.height)};
+}
+
+// The simulated markers are those the SLAM is told to look for.
+simulator::LiveOptions simulatorOptions(const Configuration& configuration) {
+  const Configuration::Camera& camera = configuration.camera;
+  simulator::LiveOptions options;
+  options.simulation.scene = camera.source.substr(kSimulated.size());
+  options.simulation.dictionary = configuration.slam.dictionary;
+  options.simulation.marker_size_m = configuration.slam.options.marker_size_m;
+  options.simulation.seed = camera.simulator.seed;
+  options.simulation.size = {camera.simulator.width, camera.simulator.height};
+  if (camera.rate_hz > 0.0) options.simulation.rate_hz = camera.rate_hz;
+  options.loop_s = camera.simulator.loop_s;
+  if (!camera.simulator.truth_dir.empty()) options.truth_directory = camera.simulator.truth_dir;
+  return options;
+}
+
+Result<CameraSetup> prepareSimulator(const Configuration& configuration) {
+  const simulator::LiveOptions options = simulatorOptions(configuration);
+  const Result<simulator::Scene> scene =
+      simulator::buildScene(options.simulation, simulator::Ending::kClosedLoop);
+  if (!scene) return Error{configuration.camera.source + ": " + scene.error().message};
+
+  CameraSetup setup{.calibration = scene->camera, .rate_hz = scene->rate_hz, .opener = {}};
+  setup.opener.open = [options]() -> OpenResult {
+    Result<std::unique_ptr<simulator::LiveSimulatedSource>> opened = simulator::openLive(options);
+    if (!opened) return opened.error();
+    return std::unique_ptr<capture::FrameSource>(std::move(opened).value());
+  };
+  return setup;
+}
+
+// Opened once to look at it, so that a wrong path or size is found before anything starts.
+Result<CameraSetup> prepareRecording(const Configuration::Camera& camera) {
+  const Result<slam::Calibration> calibration = io::readCalibration(camera.calibration);
+  if (!calibration) return calibration.error();
+
+  capture::SourceOptions options;
+  options.realtime = true;
+  if (camera.rate_hz > 0.0) options.fps = camera.rate_hz;
+  CameraSetup setup{.calibration = *calibration, .rate_hz = 0.0, .opener = {}};
+  setup.opener.open = [source = camera.source, options, calibration = *calibration] {
+    return matching(capture::openSource(source, options), calibration);
+  };
+
+  const OpenResult opened = setup.opener.open();
+  if (!opened) return opened.error();
+  setup.rate_hz = opened.value()->info().rate_hz;
+  return setup;
+}
+
+}  // namespace
+
+Result<CameraSetup> prepareCamera(const Configuration& configuration) {
+  return configuration.camera.source.starts_with(kSimulated)
+             ? prepareSimulator(configuration)
+             : prepareRecording(configuration.camera);
+}
+
+}  // namespace waymark::daemon

@@ -1,0 +1,66 @@
+// What waymarkd is told to do: a TOML file, checked key by key before anything starts.
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <string>
+
+#include "base/result.h"
+#include "daemon/log.h"
+#include "slam/options.h"
+
+namespace waymark::daemon {
+
+// Sections nest as in the file; waymarkd.toml explains every key.
+struct Configuration {
+  struct Simulator {
+    std::uint64_t seed = 1;
+    int width = 640;                  // pixels
+    int height = 480;                 // pixels
+    double loop_s = 4.0;              // seconds rendered in advance, then played round and round
+    std::filesystem::path truth_dir;  // where to write the exact truth; empty: nowhere
+  };
+
+  struct Camera {
+    std::string source;                 // "sim:SCENE", a recording's path, "v4l2:DEVICE", ...
+    std::filesystem::path calibration;  // empty: the simulator's own
+    double rate_hz = 0.0;               // 0: the source's own
+    Simulator simulator;
+  };
+
+  struct Slam {
+    std::string dictionary;
+    slam::Options options;
+  };
+
+  struct Queue {
+    int depth = 4;  // frames
+  };
+
+  struct Publish {
+    std::string url = "udpm://239.255.76.67:7667?ttl=0";
+    std::string channel_prefix = "WAYMARK_";
+    std::string pose_channel = "POSE";
+    bool detections = true;
+  };
+
+  struct Logging {
+    LogLevel level = LogLevel::kInfo;
+  };
+
+  Camera camera;
+  Slam slam;
+  Queue queue;
+  Publish publish;
+  Logging log;
+};
+
+// Relative paths in the file count from the file's own directory. Syntax errors, unknown keys,
+// wrong types and impossible values are errors: "FILE:LINE:COLUMN: KEY: reason".
+[[nodiscard]] Result<Configuration> readConfiguration(const std::filesystem::path& file);
+
+// The same from text; `file` names it in errors and anchors relative paths.
+[[nodiscard]] Result<Configuration> parseConfiguration(const std::string& text,
+                                                       const std::filesystem::path& file);
+
+}  // namespace waymark::daemon

@@ -1,0 +1,159 @@
+#include "daemon/configuration.h"
+
+#include <fstream>
+#include <iterator>
+#include <regex>
+#include <string>
+
+#include <gtest/gtest.h>
+
+namespace waymark::daemon {
+namespace {
+
+const std::string kCamera = "[camera]\nsource = \"sim:walls\"\n";
+const std::string kSlam = "[slam]\ndictionary = \"4X4_50\"\nmarker_size_m = 0.1\n";
+
+std::string errorOf(const std::string& text) {
+  const Result<Configuration> result = parseConfiguration(text, "/etc/w.toml");
+  return result ? "no error" : result.error().message;
+}
+
+TEST(Configuration, TheCommentedExampleIsValid) {
+  const Result<Configuration> c = readConfiguration(WAYMARK_EXAMPLE_CONFIGURATION);
+  ASSERT_TRUE(c) << c.error().message;
+  EXPECT_EQ(c->camera.source, "sim:walls");
+  EXPECT_EQ(c->camera.rate_hz, 150.0);
+  EXPECT_EQ(c->slam.dictionary, "ARUCO_MIP_36h12");
+  EXPECT_EQ(c->slam.options.marker_size_m, 0.165);
+}
+
+std::string readFile(const char* path) {
+  std::ifstream file(path);
+  return {std::istreambuf_iterator<char>(file), {}};
+}
+
+// "# key = value" becomes "key = value"; prose stays a comment.
+std::string uncommented(const std::string& text) {
+  return std::regex_replace(text, std::regex("(^|\n)# ([a-z_.0-9]+ = )"), "$1$2");
+}
+
+// The defaults that the example names are the true ones.
+TEST(Configuration, TheExampleWithEverythingUncommentedChangesNoDefault) {
+  const Result<Configuration> c =
+      parseConfiguration(uncommented(readFile(WAYMARK_EXAMPLE_CONFIGURATION)), "w.toml");
+  ASSERT_TRUE(c) << c.error().message;
+  EXPECT_EQ(c->camera.calibration, "calib.yml") << "nothing was uncommented";
+  const Configuration d;
+  EXPECT_EQ(c->camera.simulator.seed, d.camera.simulator.seed);
+  EXPECT_EQ(c->camera.simulator.width, d.camera.simulator.width);
+  EXPECT_EQ(c->camera.simulator.height, d.camera.simulator.height);
+  EXPECT_EQ(c->camera.simulator.loop_s, d.camera.simulator.loop_s);
+  const slam::Options& o = c->slam.options;
+  const slam::Options& e = d.slam.options;
+  EXPECT_EQ(o.detector.scanner.threshold_window_px, e.detector.scanner.threshold_window_px);
+  EXPECT_EQ(o.detector.scanner.min_side_px, e.detector.scanner.min_side_px);
+  EXPECT_EQ(o.detector.edges.min_contrast, e.detector.edges.min_contrast);
+  EXPECT_EQ(o.detector.decoder.max_wrong_bits, e.detector.decoder.max_wrong_bits);
+  EXPECT_EQ(o.initialisation.ambiguity_ratio, e.initialisation.ambiguity_ratio);
+  EXPECT_EQ(o.tracking.marker_chi2, e.tracking.marker_chi2);
+  EXPECT_EQ(o.tracking.worst_rms_px, e.tracking.worst_rms_px);
+  EXPECT_EQ(o.motion.max_extrapolation_s, e.motion.max_extrapolation_s);
+  EXPECT_EQ(o.keyframes.min_baseline_m, e.keyframes.min_baseline_m);
+  EXPECT_EQ(o.keyframes.min_baseline_per_depth, e.keyframes.min_baseline_per_depth);
+  EXPECT_EQ(o.keyframes.min_rotation_rad, e.keyframes.min_rotation_rad);
+  EXPECT_EQ(o.keyframes.views_per_marker, e.keyframes.views_per_marker);
+  EXPECT_EQ(o.marker_pose.min_views, e.marker_pose.min_views);
+  EXPECT_EQ(o.marker_pose.ambiguity_ratio, e.marker_pose.ambiguity_ratio);
+  EXPECT_EQ(o.relocalisation.ambiguity_ratio, e.relocalisation.ambiguity_ratio);
+  EXPECT_EQ(o.local_optimisation.max_iterations, e.local_optimisation.max_iterations);
+  EXPECT_EQ(c->queue.depth, d.queue.depth);
+  EXPECT_EQ(c->publish.url, d.publish.url);
+  EXPECT_EQ(c->publish.channel_prefix, d.publish.channel_prefix);
+  EXPECT_EQ(c->publish.pose_channel, d.publish.pose_channel);
+  EXPECT_EQ(c->publish.detections, d.publish.detections);
+  EXPECT_EQ(c->log.level, d.log.level);
+}
+
+TEST(Configuration, ReadsEveryKindOfValue) {
+  const Result<Configuration> c = parseConfiguration(
+      "[camera]\nsource = \"a/b.avi\"\ncalibration = \"c.yml\"\nrate_hz = 30\n" + kSlam +
+          "[publish]\ndetections = false\n[log]\nlevel = \"debug\"\n[queue]\ndepth = 1\n",
+      "/etc/waymark/w.toml");
+  ASSERT_TRUE(c) << c.error().message;
+  EXPECT_EQ(c->camera.source, "/etc/waymark/a/b.avi");
+  EXPECT_EQ(c->camera.calibration, "/etc/waymark/c.yml");
+  EXPECT_EQ(c->camera.rate_hz, 30.0);
+  EXPECT_FALSE(c->publish.detections);
+  EXPECT_EQ(c->log.level, LogLevel::kDebug);
+  EXPECT_EQ(c->queue.depth, 1);
+}
+
+TEST(Configuration, SourcesWithASchemeAreNoPaths) {
+  for (const char* source : {"sim:lab", "v4l2:/dev/video0", "libcamera:0", "/abs/x.avi"}) {
+    const Result<Configuration> c = parseConfiguration(
+        std::string("[camera]\ncalibration = \"c.yml\"\nsource = \"") + source + "\"\n" + kSlam,
+        "/etc/w.toml");
+    ASSERT_TRUE(c) << c.error().message;
+    EXPECT_EQ(c->camera.source, source);
+  }
+}
+
+TEST(Configuration, ErrorsNamePlaceKeyAndReason) {
+  EXPECT_EQ(errorOf(kCamera + "ratehz = 3\n" + kSlam),
+            "/etc/w.toml:3:1: camera.ratehz: unknown key");
+  EXPECT_EQ(errorOf(kCamera + kSlam + "[publisher]\nurl = 3\n"),
+            "/etc/w.toml:6:2: publisher: unknown key");
+  EXPECT_EQ(errorOf(kCamera + "rate_hz = \"fast\"\n" + kSlam),
+            "/etc/w.toml:3:11: camera.rate_hz: must be a number");
+  EXPECT_EQ(errorOf(kCamera + kSlam + "[queue]\ndepth = 0\n"),
+            "/etc/w.toml:7:9: queue.depth: must be from 1 to 64, not 0");
+  EXPECT_EQ(errorOf(kCamera + kSlam + "[queue]\ndepth = 1.5\n"),
+            "/etc/w.toml:7:9: queue.depth: must be a whole number");
+  EXPECT_EQ(errorOf(kCamera + kSlam + "[publish]\ndetections = 1\n"),
+            "/etc/w.toml:7:14: publish.detections: must be true or false");
+  EXPECT_EQ(errorOf("queue = 4\n" + kCamera + kSlam), "/etc/w.toml:1:9: queue: must be a section");
+  EXPECT_EQ(errorOf(kCamera + kSlam + "[log]\nlevel = \"loud\"\n"),
+            "/etc/w.toml:7:9: log.level: must be one of \"error\", \"warning\", \"info\", \"debug\"");
+}
+
+TEST(Configuration, RefusesImpossibleMarkers) {
+  EXPECT_EQ(errorOf(kCamera + "[slam]\ndictionary = \"4X4_50\"\nmarker_size_m = 0\n"),
+            "/etc/w.toml:5:17: slam.marker_size_m: must be from 0.001 to 100 m, not 0");
+  EXPECT_EQ(errorOf(kCamera + "[slam]\ndictionary = \"4X4_50\"\nmarker_size_m = nan\n"),
+            "/etc/w.toml:5:17: slam.marker_size_m: must be from 0.001 to 100 m, not nan");
+  const std::string unknown =
+      errorOf(kCamera + "[slam]\ndictionary = \"9X9\"\nmarker_size_m = 1\n");
+  EXPECT_TRUE(unknown.starts_with(
+      "/etc/w.toml:4:14: slam.dictionary: \"9X9\" is not a known dictionary; known are "))
+      << unknown;
+}
+
+TEST(Configuration, RefusesUnusableUrlsAndChannels) {
+  EXPECT_EQ(errorOf(kCamera + kSlam + "[publish]\nurl = \"udpm://10.0.0.1:1\"\n"),
+            "/etc/w.toml:7:7: publish.url: must be like \"udpm://239.255.76.67:7667?ttl=0\" with a "
+            "multicast address, not \"udpm://10.0.0.1:1\"");
+  EXPECT_EQ(errorOf(kCamera + kSlam + "[publish]\npose_channel = \"A B\"\n"),
+            "/etc/w.toml:7:16: publish.pose_channel: must be at most 50 characters without spaces");
+}
+
+TEST(Configuration, SaysWhatIsMissing) {
+  EXPECT_EQ(errorOf(kCamera), "/etc/w.toml: slam.dictionary: missing");
+  EXPECT_EQ(errorOf(kSlam), "/etc/w.toml: camera.source: missing");
+  EXPECT_EQ(errorOf("[camera]\nsource = \"x.avi\"\n" + kSlam),
+            "/etc/w.toml: camera.calibration: missing; only simulated cameras bring one");
+}
+
+TEST(Configuration, SyntaxErrorsNameTheirLine) {
+  const std::string message = errorOf("[camera]\nsource = \"sim:walls\n");
+  EXPECT_TRUE(message.starts_with("/etc/w.toml:2:")) << message;
+  EXPECT_EQ(message.find('\n'), message.npos) << "one line";
+}
+
+TEST(Configuration, FilesThatCannotBeRead) {
+  EXPECT_EQ(readConfiguration("/nowhere/w.toml").error().message,
+            "/nowhere/w.toml: cannot be read: No such file or directory");
+  EXPECT_EQ(readConfiguration("/").error().message, "/: is a directory");
+}
+
+}  // namespace
+}  // namespace waymark::daemon

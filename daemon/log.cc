@@ -1,0 +1,46 @@
+#include "daemon/log.h"
+
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include <cstdlib>
+#include <string>
+
+namespace waymark::daemon {
+namespace {
+
+std::string_view prefix(LogLevel level, bool for_journal) {
+  switch (level) {
+    case LogLevel::kError:
+      return for_journal ? "<3>" : "waymarkd: error: ";
+    case LogLevel::kWarning:
+      return for_journal ? "<4>" : "waymarkd: warning: ";
+    case LogLevel::kInfo:
+      return for_journal ? "<6>" : "waymarkd: ";
+    case LogLevel::kDebug:
+      return for_journal ? "<7>" : "waymarkd: debug: ";
+  }
+  return "";
+}
+
+}  // namespace
+
+bool Log::journalListens() {
+  // The variable is inherited by every child; it means this stderr only when it names it.
+  const char* stream = std::getenv("JOURNAL_STREAM");  // NOLINT(concurrency-mt-unsafe): at start
+  struct stat file {};
+  if (stream == nullptr || fstat(STDERR_FILENO, &file) != 0) return false;
+  return std::string_view(stream) ==
+         std::to_string(file.st_dev) + ":" + std::to_string(file.st_ino);
+}
+
+void Log::write(LogLevel level, std::string_view text) const {
+  if (level > level_) return;
+  std::string line(prefix(level, for_journal_));
+  line += text;
+  line += '\n';
+  // A failed write has nobody to be told.
+  [[maybe_unused]] const ssize_t written = ::write(STDERR_FILENO, line.data(), line.size());
+}
+
+}  // namespace waymark::daemon

@@ -1,0 +1,117 @@
+// waymarkd: camera in, poses out. This file is the wiring diagram:
+//
+//   capture thread --> [newest wins] --> SLAM thread --> [records, map] --> publisher thread --> LCM
+//
+// The main thread only waits. A stop travels the same way as a frame: capture closes its queue, the
+// SLAM loop empties it, the publisher sends what is left.
+#include <pthread.h>
+
+#include <cstdio>
+#include <cstdlib>
+#include <string>
+#include <thread>
+
+#include <CLI/CLI.hpp>
+
+#include "daemon/camera_setup.h"
+#include "daemon/capture_loop.h"
+#include "daemon/configuration.h"
+#include "daemon/log.h"
+#include "daemon/publisher.h"
+#include "daemon/slam_loop.h"
+#include "daemon/stop_signal.h"
+#include "slam/slam.h"
+
+namespace waymark::daemon {
+namespace {
+
+enum ExitCode { kDone = 0, kBadInput = 2 };
+
+// A thread with a name that top and gdb show.
+template <typename Loop>
+std::thread startThread(const char* name, Loop& loop) {
+  std::thread thread([&loop] { loop.run(); });
+  pthread_setname_np(thread.native_handle(), name);
+  return thread;
+}
+
+SlamLoop::Options slamLoopOptions(double rate_hz) {
+  SlamLoop::Options options;
+  if (rate_hz > 0.0) options.deadline_ns = static_cast<std::int64_t>(1e9 / rate_hz);
+  return options;
+}
+
+int runDaemon(const Configuration& configuration, const CameraSetup& camera, const Log& log) {
+  StopSignal stop;  // first: threads inherit what it blocks
+  CameraStatus camera_status;
+  FrameQueue frames(static_cast<std::size_t>(configuration.queue.depth));
+  slam::Slam slam(slam::CameraModel(camera.calibration),
+                  *slam::Dictionary::byName(configuration.slam.dictionary),
+                  configuration.slam.options);
+  SlamOutput output;
+
+  CaptureLoop capture_loop(camera.opener, frames, camera_status, log);
+  SlamLoop slam_loop(slam, frames, output, slamLoopOptions(camera.rate_hz));
+  Publisher publisher(configuration.publish, configuration.slam.dictionary, output, camera_status,
+                      frames, log);
+
+  std::thread capture_thread = startThread("wm-capture", capture_loop);
+  std::thread slam_thread = startThread("wm-slam", slam_loop);
+  std::thread publisher_thread([&] {
+    pthread_setname_np(pthread_self(), "wm-publisher");
+    publisher.run();
+    stop.finish();
+  });
+
+  stop.wait();
+  // Opening a source cannot be interrupted, and nothing has begun that would need an end.
+  if (camera_status.firstOpening()) std::_Exit(kDone);
+  capture_loop.requestStop();
+  capture_thread.join();
+  slam_thread.join();
+  publisher_thread.join();
+
+  if (capture_loop.failure()) {
+    log.error(capture_loop.failure()->message);
+    return kBadInput;
+  }
+  log.info("stopped after " + std::to_string(slam.counters().frames) + " frames, " +
+           std::to_string(slam.counters().localized) + " of them localised");
+  return kDone;
+}
+
+int run(const std::string& configuration_file, bool check_only) {
+  const bool for_journal = Log::journalListens();
+  const Result<Configuration> configuration = readConfiguration(configuration_file);
+  if (!configuration) {
+    Log(LogLevel::kError, for_journal).error(configuration.error().message);
+    return kBadInput;
+  }
+  const Log log(configuration->log.level, for_journal);
+  const Result<CameraSetup> camera = prepareCamera(*configuration);
+  if (!camera) {
+    log.error(camera.error().message);
+    return kBadInput;
+  }
+  return check_only ? kDone : runDaemon(*configuration, *camera, log);
+}
+
+}  // namespace
+}  // namespace waymark::daemon
+
+int main(int argc, char** argv) {
+  CLI::App app{"Publishes metric camera poses from printed markers over LCM.", "waymarkd"};
+  std::string configuration_file;
+  bool check_only = false;
+  app.add_option("--config", configuration_file, "Configuration file (TOML)")->required();
+  app.add_flag("--check", check_only, "Check the configuration and what it names, then exit");
+  app.set_version_flag("--version", "waymarkd " WAYMARK_VERSION);
+  try {
+    app.parse(argc, argv);
+  } catch (const CLI::ParseError& e) {
+    if (e.get_exit_code() == 0) return app.exit(e);  // --help and --version
+    std::fprintf(stderr, "waymarkd: %s\n", e.what());
+    return waymark::daemon::kBadInput;
+  }
+  return waymark::daemon::run(configuration_file, check_only);
+}

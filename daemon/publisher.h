@@ -1,0 +1,83 @@
+// The publisher thread: everything that waymarkd tells the world leaves through here.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <memory>
+#include <optional>
+#include <string>
+
+#include <waymark/health_t.hpp>
+
+#include "daemon/camera_status.h"
+#include "daemon/configuration.h"
+#include "daemon/frame_statistics.h"
+#include "daemon/lcm_link.h"
+#include "daemon/messages.h"
+#include "daemon/slam_loop.h"
+
+namespace waymark::daemon {
+
+class Publisher {
+ public:
+  // `dictionary` is its name, for subscribers.
+  Publisher(const Configuration::Publish& options, std::string dictionary, SlamOutput& input,
+            const CameraStatus& camera, const FrameQueue& frames, const Log& log);
+
+  // The thread's body. Returns when the SLAM loop has finished and all it left is sent.
+  void run();
+
+ private:
+  // What has been tried and did not leave, by cause.
+  struct Unsent {
+    std::uint64_t link_down = 0;
+    std::uint64_t too_large = 0;
+  };
+
+  void publishFrame();
+  void publishMap();
+  void watchCamera(std::int64_t now_ns);
+  void publishNoCamera(std::int64_t now_ns);
+  void publishHealthWhenDue(std::int64_t now_ns);
+  void publishHealth(std::int64_t now_ns);
+  void fillCounters();
+  void addCounter(const char* name, std::uint64_t value);
+
+  template <typename Message>
+  void send(const std::string& channel, const Message& message);
+
+  // LCM loses larger messages in the field.
+  static constexpr std::size_t kMaxMessageBytes = 60'000;
+
+  const Configuration::Publish options_;
+  const std::string dictionary_;
+  const std::string pose_channel_, detections_channel_, map_channel_, health_channel_;
+  SlamOutput& input_;
+  const CameraStatus& camera_;
+  const FrameQueue& frames_;
+  LcmLink link_;
+  const std::int64_t started_ns_;
+
+  // Kept from frame to frame, so that their memory is.
+  FrameRecord record_;
+  pose_t pose_{};
+  detections_t detections_{};
+  map_t map_{};
+  health_t health_{};
+  bot_core::pose_t bot_core_pose_{};
+  std::array<std::uint8_t, kMaxMessageBytes> bytes_{};
+
+  BotCorePoses bot_core_poses_;
+  FrameStatistics statistics_;
+  Unsent unsent_;
+  std::uint64_t deadlines_missed_ = 0;
+  std::optional<std::int64_t> last_pose_ns_;  // monotonic
+  std::int64_t map_revision_ = 0;
+
+  CameraStatus::Report camera_report_{CameraState::kOpening, "the camera is being opened"};
+  std::uint32_t camera_version_ = 0;
+  std::int64_t next_no_camera_ns_ = 0;  // monotonic
+  bool health_changed_ = true;
+};
+
+}  // namespace waymark::daemon

@@ -1,0 +1,67 @@
+#include "daemon/slam_loop.h"
+
+#include <algorithm>
+
+#include "daemon/clock.h"
+
+namespace waymark::daemon {
+
+SlamLoop::SlamLoop(slam::Slam& slam, FrameQueue& frames, SlamOutput& output,
+                   const Options& options)
+    : slam_(slam), frames_(frames), output_(output), options_(options) {}
+
+void SlamLoop::run() {
+  capture::FrameStamp stamp;
+  while (capture::FramePtr frame = frames_.pop()) {
+    const std::int64_t begin_ns = monotonicNs();
+    stamp = frame->stamp();
+    const slam::FrameResult result =
+        slam_.processFrame(frame->image(), {stamp.sequence, stamp.monotonic_ns});
+    record(stamp, result, monotonicNs() - begin_ns);
+    if (!output_.records.try_enqueue(record_)) {
+      output_.records_lost.fetch_add(1, std::memory_order_relaxed);
+    }
+    map_changed_ |= result.map_changed;
+    handOnMapWhenDue(stamp);
+  }
+  if (map_changed_) handOnMap(stamp);
+  output_.finished.store(true, std::memory_order_release);
+}
+
+void SlamLoop::record(const capture::FrameStamp& stamp, const slam::FrameResult& result,
+                      std::int64_t processing_ns) {
+  record_.stamp = stamp;
+  record_.state = result.state;
+  record_.reason = result.reason;
+  record_.pose = result.pose;
+  record_.processing_ns = processing_ns;
+  record_.missed_deadline = processing_ns > options_.deadline_ns;
+  record_.counters = slam_.counters();
+  record_.seen = static_cast<int>(result.detections.size());
+  const std::size_t kept = std::min(result.detections.size(), record_.markers.size());
+  for (std::size_t i = 0; i < kept; ++i) {
+    const slam::MarkerDetection& detection = result.detections[i];
+    record_.markers[i] = {detection.id, detection.hamming, detection.pixels};
+  }
+}
+
+void SlamLoop::handOnMapWhenDue(const capture::FrameStamp& stamp) {
+  if (!map_changed_ || stamp.monotonic_ns < next_map_ns_) return;
+  handOnMap(stamp);
+  next_map_ns_ = stamp.monotonic_ns + options_.map_interval_ns;
+}
+
+void SlamLoop::handOnMap(const capture::FrameStamp& stamp) {
+  const slam::Map& map = slam_.map();
+  MapSnapshot& snapshot = output_.map.writeBuffer();
+  snapshot.stamp = stamp;
+  snapshot.keyframe_count = static_cast<int>(map.keyframes.size());
+  snapshot.markers.clear();
+  for (const auto& [id, marker] : map.markers) {
+    if (marker.T_w_m) snapshot.markers.push_back({id, marker.size_m, *marker.T_w_m});
+  }
+  output_.map.publish();
+  map_changed_ = false;
+}
+
+}  // namespace waymark::daemon

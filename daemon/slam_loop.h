@@ -1,0 +1,59 @@
+// The SLAM thread: frames out of the queue, through the SLAM, results into another queue. Per frame
+// it neither logs, nor allocates, nor takes a lock of its own.
+#pragma once
+
+#include <atomic>
+#include <cstddef>
+#include <cstdint>
+
+#include <readerwriterqueue/readerwritercircularbuffer.h>
+
+#include "daemon/capture_loop.h"
+#include "daemon/frame_record.h"
+#include "daemon/triple_buffer.h"
+#include "slam/slam.h"
+
+namespace waymark::daemon {
+
+// What flows from the SLAM loop to the publisher. When the publisher lags, records are lost and
+// counted; the SLAM loop never waits for it.
+struct SlamOutput {
+  // At 150 Hz nearly half a second: longer than any hiccup of a healthy network stack.
+  static constexpr std::size_t kRecords = 64;
+
+  moodycamel::BlockingReaderWriterCircularBuffer<FrameRecord> records{kRecords};
+  std::atomic<std::uint64_t> records_lost{0};
+  TripleBuffer<MapSnapshot> map;
+  std::atomic<bool> finished{false};  // nothing more will come
+};
+
+class SlamLoop {
+ public:
+  struct Options {
+    // A frame that takes longer than the time between two frames has missed its deadline.
+    std::int64_t deadline_ns = 6'666'667;
+    // The map is handed on at most this often (in frame time): it changes in bursts.
+    std::int64_t map_interval_ns = 100'000'000;
+  };
+
+  SlamLoop(slam::Slam& slam, FrameQueue& frames, SlamOutput& output, const Options& options);
+
+  // The thread's body. Returns when the queue is closed and empty.
+  void run();
+
+ private:
+  void record(const capture::FrameStamp& stamp, const slam::FrameResult& result,
+              std::int64_t processing_ns);
+  void handOnMapWhenDue(const capture::FrameStamp& stamp);
+  void handOnMap(const capture::FrameStamp& stamp);
+
+  slam::Slam& slam_;
+  FrameQueue& frames_;
+  SlamOutput& output_;
+  const Options options_;
+  FrameRecord record_;
+  bool map_changed_ = false;
+  std::int64_t next_map_ns_ = 0;  // monotonic
+};
+
+}  // namespace waymark::daemon

@@ -1,0 +1,46 @@
+// Whole files in and out. What is written appears complete or not at all.
+#pragma once
+
+#include <filesystem>
+#include <string>
+#include <string_view>
+#include <utility>
+#include <vector>
+
+#include "base/result.h"
+
+namespace waymark::io {
+
+// The error names the file and the system's reason.
+[[nodiscard]] Result<std::string> readTextFile(const std::filesystem::path& path);
+
+// Writes a temporary file beside `path`, syncs it and renames it into place. On failure `path` is
+// as it was, and no temporary file stays behind.
+[[nodiscard]] Status writeTextFile(const std::filesystem::path& path, std::string_view content);
+
+// The results of one run: collected in memory, then written together. A run that fails leaves
+// neither files nor a new empty directory.
+class OutputDirectory {
+ public:
+  // Makes the directory where needed and proves that files can be made in it, so that a long run
+  // does not find out at its end.
+  [[nodiscard]] static Result<OutputDirectory> open(const std::filesystem::path& path);
+
+  OutputDirectory(OutputDirectory&& other) noexcept;
+  OutputDirectory& operator=(OutputDirectory&&) = delete;
+  ~OutputDirectory();
+
+  [[nodiscard]] const std::filesystem::path& path() const { return path_; }
+  void add(std::string name, std::string content);
+  // Every file is complete on disk before the first one gets its name.
+  [[nodiscard]] Status commit();
+
+ private:
+  explicit OutputDirectory(std::filesystem::path path) : path_(std::move(path)) {}
+
+  std::filesystem::path path_;
+  std::vector<std::filesystem::path> created_;  // directories, outermost first; removed if unused
+  std::vector<std::pair<std::string, std::string>> files_;  // name, content
+};
+
+}  // namespace waymark::io

@@ -1,0 +1,258 @@
+// Wire hashes of the types other people's programs know, and a round trip of every field.
+#include <cstdint>
+#include <vector>
+
+#include <gtest/gtest.h>
+
+#include <bot_core/image_t.hpp>
+#include <bot_core/pose_t.hpp>
+#include <waymark/detections_t.hpp>
+#include <waymark/health_t.hpp>
+#include <waymark/map_t.hpp>
+#include <waymark/pose_t.hpp>
+
+namespace waymark {
+namespace {
+
+// Encodes, decodes, and checks that every byte was used both ways.
+template <typename Message>
+Message throughTheWire(const Message& sent) {
+  std::vector<std::uint8_t> bytes(static_cast<std::size_t>(sent.getEncodedSize()));
+  const int size = static_cast<int>(bytes.size());
+  EXPECT_EQ(sent.encode(bytes.data(), 0, size), size);
+  Message received;
+  EXPECT_EQ(received.decode(bytes.data(), 0, size), size);
+  EXPECT_LT(received.decode(bytes.data(), 0, size - 1), 0) << "a cut message must be refused";
+  return received;
+}
+
+// Fills an array with values that differ from each other and from other arrays'.
+template <typename T, std::size_t N>
+void fill(T (&values)[N], double first) {
+  for (std::size_t i = 0; i < N; ++i) values[i] = first + 0.1 * static_cast<double>(i);
+}
+
+template <typename T, std::size_t N>
+void expectSame(const T (&a)[N], const T (&b)[N]) {
+  for (std::size_t i = 0; i < N; ++i) EXPECT_EQ(a[i], b[i]) << "element " << i;
+}
+
+TEST(LcmTypes, BotCoreHashesAreTheOnesSubscribersKnow) {
+  EXPECT_EQ(static_cast<std::uint64_t>(bot_core::pose_t::getHash()), 0x2e16efb052b0105eULL);
+  EXPECT_EQ(static_cast<std::uint64_t>(bot_core::image_t::getHash()), 0x14739ffe13d5f5f0ULL);
+}
+
+TEST(LcmTypes, BotCorePixelFormatsSpellTheirCodes) {
+  const auto code = [](const char(&s)[5]) { return s[0] | s[1] << 8 | s[2] << 16 | s[3] << 24; };
+  EXPECT_EQ(bot_core::image_t::PIXEL_FORMAT_GRAY, code("GREY"));
+  EXPECT_EQ(bot_core::image_t::PIXEL_FORMAT_MJPEG, code("MJPG"));
+}
+
+TEST(LcmTypes, PoseRoundTrip) {
+  pose_t a{};
+  a.utime = 1'700'000'000'000'001;
+  a.monotonic_ns = -2;
+  a.sequence = 3;
+  a.status = pose_t::STATUS_RELOCALIZING;
+  a.reason = "no marker in view";
+  a.source = pose_t::SOURCE_PREDICTION;
+  a.had_pose = 1;
+  a.last_pose_age_ns = 6;
+  fill(a.p_w_c, 7.0);
+  fill(a.q_w_c, 8.0);
+  fill(a.covariance, 9.0);
+  a.markers_used = 10;
+  a.reprojection_rms_px = 0.11;
+  a.ambiguity_ratio = 12.5;
+  a.latency_ns = 13;
+
+  const pose_t b = throughTheWire(a);
+  EXPECT_EQ(a.utime, b.utime);
+  EXPECT_EQ(a.monotonic_ns, b.monotonic_ns);
+  EXPECT_EQ(a.sequence, b.sequence);
+  EXPECT_EQ(a.status, b.status);
+  EXPECT_EQ(a.reason, b.reason);
+  EXPECT_EQ(a.source, b.source);
+  EXPECT_EQ(a.had_pose, b.had_pose);
+  EXPECT_EQ(a.last_pose_age_ns, b.last_pose_age_ns);
+  expectSame(a.p_w_c, b.p_w_c);
+  expectSame(a.q_w_c, b.q_w_c);
+  expectSame(a.covariance, b.covariance);
+  EXPECT_EQ(a.markers_used, b.markers_used);
+  EXPECT_EQ(a.reprojection_rms_px, b.reprojection_rms_px);
+  EXPECT_EQ(a.ambiguity_ratio, b.ambiguity_ratio);
+  EXPECT_EQ(a.latency_ns, b.latency_ns);
+}
+
+TEST(LcmTypes, DetectionsRoundTrip) {
+  detections_t a{};
+  a.utime = 1;
+  a.monotonic_ns = 2;
+  a.sequence = 3;
+  a.dictionary = "APRILTAG_36h11";
+  a.seen = 5;
+  a.count = 2;
+  a.detections.resize(2);
+  for (int i = 0; i < 2; ++i) {
+    detection_t& d = a.detections[static_cast<std::size_t>(i)];
+    d.id = 40 + i;
+    d.hamming = i;
+    for (int k = 0; k < 4; ++k) fill(d.corners_px[k], 100.0 * i + 10.0 * k);
+  }
+
+  const detections_t b = throughTheWire(a);
+  EXPECT_EQ(a.utime, b.utime);
+  EXPECT_EQ(a.monotonic_ns, b.monotonic_ns);
+  EXPECT_EQ(a.sequence, b.sequence);
+  EXPECT_EQ(a.dictionary, b.dictionary);
+  EXPECT_EQ(a.seen, b.seen);
+  ASSERT_EQ(b.count, 2);
+  ASSERT_EQ(b.detections.size(), 2u);
+  for (std::size_t i = 0; i < 2; ++i) {
+    EXPECT_EQ(a.detections[i].id, b.detections[i].id);
+    EXPECT_EQ(a.detections[i].hamming, b.detections[i].hamming);
+    for (int k = 0; k < 4; ++k) {
+      expectSame(a.detections[i].corners_px[k], b.detections[i].corners_px[k]);
+    }
+  }
+}
+
+TEST(LcmTypes, MapRoundTrip) {
+  map_t a{};
+  a.utime = 1;
+  a.monotonic_ns = 2;
+  a.revision = 3;
+  a.piece = 1;
+  a.piece_count = 4;
+  a.dictionary = "4X4_50";
+  a.marker_count = 1500;
+  a.keyframe_count = 7;
+  a.count = 1;
+  a.markers.resize(1);
+  a.markers[0].id = 8;
+  a.markers[0].size = 0.165;
+  fill(a.markers[0].p_w_m, 9.0);
+  fill(a.markers[0].q_w_m, 10.0);
+
+  const map_t b = throughTheWire(a);
+  EXPECT_EQ(a.utime, b.utime);
+  EXPECT_EQ(a.monotonic_ns, b.monotonic_ns);
+  EXPECT_EQ(a.revision, b.revision);
+  EXPECT_EQ(a.piece, b.piece);
+  EXPECT_EQ(a.piece_count, b.piece_count);
+  EXPECT_EQ(a.dictionary, b.dictionary);
+  EXPECT_EQ(a.marker_count, b.marker_count);
+  EXPECT_EQ(a.keyframe_count, b.keyframe_count);
+  ASSERT_EQ(b.count, 1);
+  ASSERT_EQ(b.markers.size(), 1u);
+  EXPECT_EQ(a.markers[0].id, b.markers[0].id);
+  EXPECT_EQ(a.markers[0].size, b.markers[0].size);
+  expectSame(a.markers[0].p_w_m, b.markers[0].p_w_m);
+  expectSame(a.markers[0].q_w_m, b.markers[0].q_w_m);
+}
+
+TEST(LcmTypes, HealthRoundTrip) {
+  health_t a{};
+  a.utime = 1;
+  a.monotonic_ns = 2;
+  a.uptime_ns = 3;
+  a.version = "1.2.3";
+  a.status = pose_t::STATUS_NO_CAMERA;
+  a.reason = "no frames";
+  a.camera = health_t::CAMERA_LOST;
+  a.camera_reason = "/dev/video0: unplugged";
+  a.period_s = 1.5;
+  a.frame_rate_hz = 150.0;
+  a.pose_rate_hz = 149.0;
+  a.latency_median_ns = 4;
+  a.latency_p99_ns = 5;
+  a.latency_max_ns = 6;
+  a.processing_median_ns = 7;
+  a.processing_max_ns = 8;
+  a.counter_count = 2;
+  a.counters.resize(2);
+  a.counters[0].name = "dropped.queue";
+  a.counters[0].value = 9;
+  a.counters[1].name = "deadline.missed";
+  a.counters[1].value = 10;
+  a.temperature_count = 1;
+  a.temperatures.resize(1);
+  a.temperatures[0].name = "cpu";
+  a.temperatures[0].celsius = 41.5;
+
+  const health_t b = throughTheWire(a);
+  EXPECT_EQ(a.utime, b.utime);
+  EXPECT_EQ(a.monotonic_ns, b.monotonic_ns);
+  EXPECT_EQ(a.uptime_ns, b.uptime_ns);
+  EXPECT_EQ(a.version, b.version);
+  EXPECT_EQ(a.status, b.status);
+  EXPECT_EQ(a.reason, b.reason);
+  EXPECT_EQ(a.camera, b.camera);
+  EXPECT_EQ(a.camera_reason, b.camera_reason);
+  EXPECT_EQ(a.period_s, b.period_s);
+  EXPECT_EQ(a.frame_rate_hz, b.frame_rate_hz);
+  EXPECT_EQ(a.pose_rate_hz, b.pose_rate_hz);
+  EXPECT_EQ(a.latency_median_ns, b.latency_median_ns);
+  EXPECT_EQ(a.latency_p99_ns, b.latency_p99_ns);
+  EXPECT_EQ(a.latency_max_ns, b.latency_max_ns);
+  EXPECT_EQ(a.processing_median_ns, b.processing_median_ns);
+  EXPECT_EQ(a.processing_max_ns, b.processing_max_ns);
+  ASSERT_EQ(b.counters.size(), 2u);
+  for (std::size_t i = 0; i < 2; ++i) {
+    EXPECT_EQ(a.counters[i].name, b.counters[i].name);
+    EXPECT_EQ(a.counters[i].value, b.counters[i].value);
+  }
+  ASSERT_EQ(b.temperatures.size(), 1u);
+  EXPECT_EQ(a.temperatures[0].name, b.temperatures[0].name);
+  EXPECT_EQ(a.temperatures[0].celsius, b.temperatures[0].celsius);
+}
+
+TEST(LcmTypes, BotCorePoseRoundTrip) {
+  bot_core::pose_t a{};
+  a.utime = 1;
+  fill(a.pos, 2.0);
+  fill(a.vel, 3.0);
+  fill(a.orientation, 4.0);
+  fill(a.rotation_rate, 5.0);
+  fill(a.accel, 6.0);
+
+  const bot_core::pose_t b = throughTheWire(a);
+  EXPECT_EQ(a.utime, b.utime);
+  expectSame(a.pos, b.pos);
+  expectSame(a.vel, b.vel);
+  expectSame(a.orientation, b.orientation);
+  expectSame(a.rotation_rate, b.rotation_rate);
+  expectSame(a.accel, b.accel);
+}
+
+TEST(LcmTypes, BotCoreImageRoundTrip) {
+  bot_core::image_t a{};
+  a.utime = 1;
+  a.width = 4;
+  a.height = 2;
+  a.row_stride = 5;
+  a.pixelformat = bot_core::image_t::PIXEL_FORMAT_GRAY;
+  a.data = {1, 2, 3, 4, 0, 5, 6, 7, 8, 255};
+  a.size = static_cast<std::int32_t>(a.data.size());
+  a.metadata.resize(1);
+  a.nmetadata = 1;
+  a.metadata[0].key = "sequence";
+  a.metadata[0].value = {42, 43};
+  a.metadata[0].n = 2;
+
+  const bot_core::image_t b = throughTheWire(a);
+  EXPECT_EQ(a.utime, b.utime);
+  EXPECT_EQ(a.width, b.width);
+  EXPECT_EQ(a.height, b.height);
+  EXPECT_EQ(a.row_stride, b.row_stride);
+  EXPECT_EQ(a.pixelformat, b.pixelformat);
+  EXPECT_EQ(a.size, b.size);
+  EXPECT_EQ(a.data, b.data);
+  ASSERT_EQ(b.metadata.size(), 1u);
+  EXPECT_EQ(a.metadata[0].key, b.metadata[0].key);
+  EXPECT_EQ(a.metadata[0].n, b.metadata[0].n);
+  EXPECT_EQ(a.metadata[0].value, b.metadata[0].value);
+}
+
+}  // namespace
+}  // namespace waymark

@@ -1,0 +1,236 @@
+// waymarkd as its users meet it: a process of its own, with LCM subscribers in another.
+#include <fcntl.h>
+#include <sched.h>
+
+#include <algorithm>
+#include <chrono>
+#include <csignal>
+#include <cstdlib>
+#include <string>
+#include <thread>
+#include <vector>
+
+#include <gtest/gtest.h>
+#include <opencv2/imgcodecs.hpp>
+
+#include "daemon/unique_fd.h"
+#include "tests/daemon_process.h"
+#include "tests/subscriber.h"
+
+namespace waymark::tests {
+namespace {
+
+using std::chrono::milliseconds;
+
+constexpr const char* kCalibration = R"(%YAML:1.0
+---
+image_width: 64
+image_height: 48
+camera_matrix: !!opencv-matrix
+   rows: 3
+   cols: 3
+   dt: d
+   data: [ 60., 0., 31.5, 0., 60., 23.5, 0., 0., 1. ]
+distortion_coefficients: !!opencv-matrix
+   rows: 1
+   cols: 5
+   dt: d
+   data: [ 0., 0., 0., 0., 0. ]
+)";
+
+const std::string kSlam = "[slam]\ndictionary = \"4X4_50\"\nmarker_size_m = 0.1\n";
+
+class DaemonTest : public testing::Test {
+ protected:
+  void SetUp() override {
+    if (!ensureMulticastRoute()) GTEST_SKIP() << "no multicast route, and none may be made";
+    directory_.write("calib.yml", kCalibration);
+  }
+
+  // A recording without a marker: what is tested here is the way of frames, not what is in them.
+  void writeImages(int count) const {
+    fs::create_directory(directory_.path() / "images");
+    for (int i = 0; i < count; ++i) {
+      char name[32];
+      std::snprintf(name, sizeof name, "images/%05d.png", i);
+      cv::imwrite((directory_.path() / name).string(), cv::Mat(48, 64, CV_8UC1, cv::Scalar(90)));
+    }
+  }
+
+  std::string cameraSection(double rate_hz) const {
+    return "[camera]\nsource = \"images\"\ncalibration = \"calib.yml\"\nrate_hz = " +
+           std::to_string(rate_hz) + "\n";
+  }
+  std::string publishSection() const {
+    return "[publish]\nurl = \"" + url_ + "\"\nchannel_prefix = \"TEST_\"\n";
+  }
+
+  std::vector<std::string> command(const std::string& configuration) const {
+    return {WAYMARKD, "--config", directory_.write("waymarkd.toml", configuration).string()};
+  }
+  fs::path stderrFile() const { return directory_.path() / "stderr"; }
+
+  TemporaryDirectory directory_;
+  const std::string url_ = randomUrl();
+};
+
+TEST_F(DaemonTest, EveryFrameOfARecordingIsAPoseMessageOrACountedDrop) {
+  constexpr int kFrames = 100;
+  writeImages(kFrames);
+  const Subscriber subscriber(url_, "TEST_");
+  Process daemon(command(cameraSection(100.0) + kSlam + publishSection()), stderrFile());
+  ASSERT_EQ(daemon.wait(milliseconds(20'000)), 0) << daemon.stderrText();
+
+  // The health message at the very end holds the final counters.
+  ASSERT_TRUE(subscriber.waitFor(
+      [](const Received& r) {
+        return !r.healths.empty() && r.healths.back().camera == health_t::CAMERA_ENDED;
+      },
+      milliseconds(2000)));
+  const Received received = subscriber.received();
+  const std::vector<pose_t> poses = received.framePoses();
+  std::map<std::string, std::int64_t> counters = received.counters();
+  const std::int64_t dropped = counters["dropped.source_late"] +
+                               counters["dropped.source_no_buffer"] + counters["dropped.queue"] +
+                               counters["dropped.publisher"] + counters["unsent.link_down"];
+
+  EXPECT_EQ(received.undecodable, 0);
+  EXPECT_EQ(static_cast<std::int64_t>(poses.size()) + dropped, kFrames);
+  EXPECT_EQ(counters["slam.frames"] + counters["dropped.queue"], counters["camera.frames"]);
+  EXPECT_EQ(received.detections.size(), poses.size());
+  ASSERT_FALSE(poses.empty());
+  for (std::size_t i = 1; i < poses.size(); ++i) {
+    EXPECT_GT(poses[i].sequence, poses[i - 1].sequence);
+    EXPECT_GT(poses[i].utime, poses[i - 1].utime);
+  }
+  for (const pose_t& pose : poses) {
+    EXPECT_EQ(pose.source == pose_t::SOURCE_NONE, !pose.reason.empty());
+    EXPECT_GT(pose.latency_ns, 0);
+  }
+}
+
+TEST_F(DaemonTest, DetectionsCanBeSwitchedOff) {
+  writeImages(20);
+  const Subscriber subscriber(url_, "TEST_");
+  Process daemon(command(cameraSection(100.0) + kSlam + publishSection() + "detections = false\n"),
+                 stderrFile());
+  ASSERT_EQ(daemon.wait(milliseconds(20'000)), 0) << daemon.stderrText();
+  const auto some_poses = [](const Received& r) { return r.framePoses().size() >= 5; };
+  EXPECT_TRUE(subscriber.waitFor(some_poses, milliseconds(2000)));
+  EXPECT_TRUE(subscriber.received().detections.empty());
+}
+
+class DaemonStopTest : public DaemonTest, public testing::WithParamInterface<int> {};
+
+TEST_P(DaemonStopTest, ASignalStopsItCleanly) {
+  writeImages(300);
+  const Subscriber subscriber(url_, "TEST_");
+  Process daemon(command(cameraSection(20.0) + kSlam + publishSection()), stderrFile());
+  const auto some_poses = [](const Received& r) { return r.framePoses().size() >= 3; };
+  ASSERT_TRUE(subscriber.waitFor(some_poses, milliseconds(20'000))) << daemon.stderrText();
+  daemon.signal(GetParam());
+  EXPECT_EQ(daemon.wait(milliseconds(5000)), 0) << daemon.stderrText();
+  EXPECT_NE(daemon.stderrText().find("stopped after"), std::string::npos) << daemon.stderrText();
+}
+
+INSTANTIATE_TEST_SUITE_P(Signals, DaemonStopTest, testing::Values(SIGTERM, SIGINT));
+
+// Moves the calling thread into the network namespace of a process.
+bool enterNetworkOf(pid_t pid) {
+  const daemon::UniqueFd network(
+      open(("/proc/" + std::to_string(pid) + "/ns/net").c_str(), O_RDONLY | O_CLOEXEC));
+  return network && setns(network.get(), CLONE_NEWNET) == 0;
+}
+
+TEST_F(DaemonTest, WithoutARouteItLivesSaysSoOnceAndPublishesWhenThereIsOne) {
+  writeImages(300);
+  std::vector<std::string> in_new_network = {"unshare", "-n"};
+  for (const std::string& word : command(cameraSection(20.0) + kSlam + publishSection())) {
+    in_new_network.push_back(word);
+  }
+  Process daemon(in_new_network, stderrFile());
+  if (daemon.wait(milliseconds(1500)) == 1) {
+    GTEST_SKIP() << "no network of one's own allowed: " << daemon.stderrText();
+  }
+  ASSERT_FALSE(daemon.wait(milliseconds(0))) << "it must live: " << daemon.stderrText();
+  const std::string said = daemon.stderrText();
+  const std::size_t place = said.find("there is no multicast route");
+  ASSERT_NE(place, std::string::npos) << said;
+  EXPECT_EQ(said.find("route", place + 25), std::string::npos) << "once is enough: " << said;
+
+  // The way back is only for a thread of its own: it stays in the daemon's network.
+  std::thread([&] {
+    ASSERT_TRUE(enterNetworkOf(daemon.pid()));
+    ASSERT_EQ(std::system("ip link set lo up && ip link set lo multicast on && "
+                          "ip route add 224.0.0.0/4 dev lo"),
+              0);
+    const Subscriber subscriber(url_, "TEST_");
+    EXPECT_TRUE(subscriber.waitFor([](const Received& r) { return r.framePoses().size() >= 3; },
+                                   milliseconds(10'000)));
+  }).join();
+  daemon.signal(SIGTERM);
+  EXPECT_EQ(daemon.wait(milliseconds(5000)), 0);
+  EXPECT_NE(daemon.stderrText().find("publishing to " + url_ + " again"), std::string::npos)
+      << daemon.stderrText();
+}
+
+// One line on stderr that holds `reason`, and exit code 2.
+class DaemonBadInputTest : public DaemonTest {
+ protected:
+  void expectRefused(const std::string& configuration, const std::string& reason) {
+    SCOPED_TRACE(configuration);
+    Process daemon(command(configuration), stderrFile());
+    EXPECT_EQ(daemon.wait(milliseconds(20'000)), 2);
+    const std::string said = daemon.stderrText();
+    EXPECT_NE(said.find(reason), std::string::npos) << said;
+    EXPECT_EQ(std::ranges::count(said, '\n'), 1) << said;
+  }
+};
+
+TEST_F(DaemonBadInputTest, IsOneLineWithThePlaceAndExitCodeTwo) {
+  const std::string camera = cameraSection(20.0);
+  writeImages(2);
+  expectRefused("[camera\nsource = 1\n", "waymarkd.toml:1:");
+  expectRefused(camera + "colour = 1\n" + kSlam, "waymarkd.toml:5:1: camera.colour: unknown key");
+  expectRefused(camera + kSlam + "[queue]\ndepth = \"4\"\n",
+                "waymarkd.toml:9:9: queue.depth: must be a whole number");
+  expectRefused(camera + "[slam]\ndictionary = \"4X4_50\"\nmarker_size_m = \"big\"\n",
+                "waymarkd.toml:7:17: slam.marker_size_m: must be a number");
+  expectRefused(camera + "[slam]\ndictionary = \"5X5\"\nmarker_size_m = 1\n",
+                "\"5X5\" is not a known dictionary");
+  expectRefused("[camera]\nsource = \"images\"\ncalibration = \"none.yml\"\n" + kSlam, "none.yml");
+  expectRefused("[camera]\nsource = \"none.avi\"\ncalibration = \"calib.yml\"\n" + kSlam,
+                "none.avi: no such file");
+  expectRefused("[camera]\nsource = \"calib.yml\"\ncalibration = \"calib.yml\"\n" + kSlam,
+                "calib.yml");
+}
+
+TEST_F(DaemonBadInputTest, ACalibrationForAnotherResolution) {
+  writeImages(2);
+  std::string calibration = kCalibration;
+  calibration.replace(calibration.find("64"), 2, "65");
+  directory_.write("calib.yml", calibration);
+  expectRefused(cameraSection(20.0) + kSlam + publishSection(),
+                "the pictures are 64x48, but the calibration is for 65x48");
+}
+
+TEST_F(DaemonBadInputTest, BadUsage) {
+  Process unknown_option({WAYMARKD, "--colour"}, stderrFile());
+  EXPECT_EQ(unknown_option.wait(milliseconds(20'000)), 2);
+  EXPECT_EQ(std::ranges::count(unknown_option.stderrText(), '\n'), 1);
+  Process no_file({WAYMARKD, "--config", "/nowhere.toml"}, stderrFile());
+  EXPECT_EQ(no_file.wait(milliseconds(20'000)), 2);
+  EXPECT_NE(no_file.stderrText().find("/nowhere.toml: cannot be read"), std::string::npos);
+}
+
+TEST_F(DaemonTest, CheckReadsAndExits) {
+  writeImages(1);
+  std::vector<std::string> check = command(cameraSection(20.0) + kSlam);
+  check.emplace_back("--check");
+  Process daemon(check, stderrFile());
+  EXPECT_EQ(daemon.wait(milliseconds(20'000)), 0) << daemon.stderrText();
+  EXPECT_EQ(daemon.stderrText(), "");
+}
+
+}  // namespace
+}  // namespace waymark::tests

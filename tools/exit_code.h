@@ -1,0 +1,13 @@
+// What the tool's exit codes mean.
+#pragma once
+
+namespace waymark::tools {
+
+enum ExitCode {
+  kDone = 0,
+  kInternalError = 1,
+  kBadInput = 2,  // bad usage too; one line on stderr says what is wrong and where
+  kNoPose = 3,    // ran, but never found a pose
+};
+
+}  // namespace waymark::tools

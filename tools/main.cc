@@ -1,0 +1,35 @@
+// The `waymark` command: a table of subcommands, each in a file of its own.
+#include <cstdio>
+#include <exception>
+#include <string>
+
+#include <CLI/CLI.hpp>
+
+#include "io/number_text.h"
+#include "tools/echo_command.h"
+#include "tools/eval_command.h"
+#include "tools/exit_code.h"
+#include "tools/run_command.h"
+
+int main(int argc, char** argv) {
+  using namespace waymark::tools;
+  int exit_code = kDone;
+  CLI::App app{"Marker SLAM: metric camera poses from printed markers.", "waymark"};
+  app.set_version_flag("--version", "waymark " WAYMARK_VERSION);
+  app.require_subcommand(1);
+  addRunCommand(app, &exit_code);
+  addEvalCommand(app, &exit_code);
+  addEchoCommand(app, &exit_code);
+
+  try {
+    app.parse(argc, argv);
+  } catch (const CLI::ParseError& e) {
+    if (e.get_exit_code() == 0) return app.exit(e);  // --help and --version
+    std::fprintf(stderr, "waymark: %s\n", waymark::io::oneLine(e.what()).c_str());
+    return kBadInput;
+  } catch (const std::exception& e) {
+    std::fprintf(stderr, "waymark: internal error: %s\n", waymark::io::oneLine(e.what()).c_str());
+    return kInternalError;
+  }
+  return exit_code;
+}
