@@ -6,7 +6,9 @@
 #include <CLI/CLI.hpp>
 
 #include "io/number_text.h"
+#include "tools/eval_command.h"
 #include "tools/exit_code.h"
+#include "tools/run_command.h"
 
 int main(int argc, char** argv) {
   using namespace waymark::tools;
@@ -14,6 +16,8 @@ int main(int argc, char** argv) {
   CLI::App app{"Marker SLAM: metric camera poses from printed markers.", "waymark"};
   app.set_version_flag("--version", "waymark " WAYMARK_VERSION);
   app.require_subcommand(1);
+  addRunCommand(app, &exit_code);
+  addEvalCommand(app, &exit_code);
 
   try {
     app.parse(argc, argv);

@@ -1,0 +1,101 @@
+#include "io/recorded_detections.h"
+
+#include <string>
+
+#include <gtest/gtest.h>
+
+#include "io/calibration_file.h"
+#include "io/text_file.h"
+#include "tests/temporary_directory.h"
+
+namespace waymark::io {
+namespace {
+
+using waymark::testing::TemporaryDirectory;
+
+slam::CameraModel camera() {
+  slam::Calibration c{
+      .width = 640, .height = 480, .fx = 500.0, .fy = 500.0, .cx = 320.0, .cy = 240.0};
+  c.distortion[0] = -0.3;
+  return slam::CameraModel(c);
+}
+
+TEST(RecordedDetections, CornersAreReorderedAndUndistorted) {
+  const TemporaryDirectory directory;
+  ASSERT_TRUE(writeTextFile(directory / "detections.csv",
+                            "# t,id,...\n"
+                            "2.5,9,1,100,200,110,200,110,190,100,190\n"
+                            "2.5,4,0,320,240,330,240,330,230,320,230\n")
+                  .ok());
+  const auto recorded =
+      readRecordedDetections(directory / "detections.csv", camera(), {.corner_sigma_px = 0.5});
+  ASSERT_TRUE(recorded.ok()) << recorded.error().message;
+  ASSERT_EQ(recorded->frames.size(), 1U);
+  EXPECT_EQ(recorded->frames[0].time_ns, 2'500'000'000);
+  ASSERT_EQ(recorded->frames[0].detections.size(), 2U);
+  EXPECT_EQ(recorded->frames[0].detections[0].id, 4);
+  const slam::MarkerDetection& detection = recorded->frames[0].detections[1];
+  EXPECT_EQ(detection.id, 9);
+  EXPECT_EQ(detection.hamming, 1);
+  // Top-left, top-right, bottom-right, bottom-left; y points down.
+  EXPECT_EQ(detection.pixels[0], Eigen::Vector2d(100, 190));
+  EXPECT_EQ(detection.pixels[1], Eigen::Vector2d(110, 190));
+  EXPECT_EQ(detection.pixels[2], Eigen::Vector2d(110, 200));
+  EXPECT_EQ(detection.pixels[3], Eigen::Vector2d(100, 200));
+  for (std::size_t i = 0; i < 4; ++i) {
+    EXPECT_LT((camera().distort(detection.normalised[i]) - detection.pixels[i]).norm(), 1e-6);
+  }
+  // At the image centre half a pixel is 0.5 / 500.
+  const Eigen::Matrix2d centre = recorded->frames[0].detections[0].covariance[3];
+  EXPECT_NEAR(centre(0, 0), 1e-6, 1e-12);
+  EXPECT_NEAR(centre(0, 1), 0.0, 1e-12);
+}
+
+TEST(RecordedDetections, FramesCsvNamesAlsoTheEmptyOnes) {
+  const TemporaryDirectory directory;
+  ASSERT_TRUE(writeTextFile(directory / "frames.csv", "# t\n3\n1\n2\n").ok());
+  ASSERT_TRUE(writeTextFile(directory / "detections.csv", "2,4,0,301,201,302,201,302,200,301,200\n").ok());
+  const auto recorded = readRecordedDetections(directory / "detections.csv", camera());
+  ASSERT_TRUE(recorded.ok()) << recorded.error().message;
+  ASSERT_EQ(recorded->frames.size(), 3U);
+  EXPECT_EQ(recorded->frames[0].time_ns, 1'000'000'000);
+  EXPECT_TRUE(recorded->frames[0].detections.empty());
+  EXPECT_EQ(recorded->frames[1].detections.size(), 1U);
+}
+
+TEST(RecordedDetections, FaultsNameTheLine) {
+  const TemporaryDirectory directory;
+  ASSERT_TRUE(writeTextFile(directory / "frames.csv", "1\n").ok());
+  for (const auto& [text, complaint] :
+       {std::pair{"1,4,0,1,1\n", ":1: has 5 fields"},
+        std::pair{"\nnow,4,0,1,1,2,1,2,0,1,0\n", ":2: must begin with a time"},
+        std::pair{"1,x,0,1,1,2,1,2,0,1,0\n", ":1: must begin with a time"},
+        std::pair{"1,4,0,1,1,2,1,nan,0,1,0\n", ":1: corner 2 is not two finite numbers"},
+        std::pair{"2,4,0,1,1,2,1,2,0,1,0\n", ":1: time 2.000000000 is not in"}}) {
+    ASSERT_TRUE(writeTextFile(directory / "detections.csv", text).ok());
+    const auto recorded = readRecordedDetections(directory / "detections.csv", camera());
+    ASSERT_FALSE(recorded.ok()) << text;
+    EXPECT_NE(recorded.error().message.find(std::string("detections.csv") + complaint),
+              std::string::npos)
+        << recorded.error().message;
+  }
+}
+
+TEST(RecordedDetections, RealRecordingsRead) {
+  const char* data = std::getenv("WAYMARK_SHARED_DATA");
+  if (data == nullptr || !std::filesystem::exists(data)) GTEST_SKIP() << "no real recordings here";
+  for (const auto& [name, frames] :
+       {std::pair{"tagslam_det_01", 269}, {"tagslam_det_13", 681}, {"tagslam_det_16", 297}}) {
+    const std::filesystem::path folder = std::filesystem::path(data) / name;
+    const auto calibration = readCalibration(folder / "calib.yml");
+    ASSERT_TRUE(calibration.ok()) << calibration.error().message;
+    const auto recorded =
+        readRecordedDetections(folder / "detections.csv", slam::CameraModel(*calibration));
+    ASSERT_TRUE(recorded.ok()) << recorded.error().message;
+    EXPECT_EQ(recorded->frames.size(), static_cast<std::size_t>(frames));
+    EXPECT_EQ(recorded->outside_lens, 0U);
+  }
+}
+
+}  // namespace
+}  // namespace waymark::io

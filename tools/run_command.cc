@@ -1,0 +1,186 @@
+#include "tools/run_command.h"
+
+#include <algorithm>
+#include <cstdio>
+#include <memory>
+#include <optional>
+#include <string>
+#include <utility>
+
+#include <CLI/CLI.hpp>
+#include <opencv2/core.hpp>
+
+#include "io/calibration_file.h"
+#include "io/map_file.h"
+#include "io/map_picture.h"
+#include "io/number_text.h"
+#include "io/text_file.h"
+#include "slam/slam.h"
+#include "tools/exit_code.h"
+#include "tools/progress_bar.h"
+#include "tools/run_input.h"
+#include "tools/run_record.h"
+#include "tools/stage_timer.h"
+
+namespace waymark::tools {
+namespace {
+
+struct RunArguments {
+  std::string source;
+  std::string calibration;
+  std::string dictionary;
+  std::string marker_size;  // as typed; metres
+  std::string out;
+  std::optional<double> fps;
+  bool no_global = false;
+  bool realtime = false;
+  bool quiet = false;
+};
+
+// Everything a run needs, checked.
+struct RunSetup {
+  slam::CameraModel camera;
+  slam::Dictionary dictionary;
+  slam::Options options;
+  std::unique_ptr<RunInput> input;
+  std::optional<io::OutputDirectory> output;
+};
+
+Result<slam::Dictionary> findDictionary(const std::string& name) {
+  if (auto dictionary = slam::Dictionary::byName(name)) return std::move(*dictionary);
+  std::string message = "--dictionary: '" + name + "' is unknown; known:";
+  for (const std::string& known : slam::Dictionary::names()) message += " " + known;
+  return Error{message};
+}
+
+Result<slam::Options> slamOptions(const RunArguments& arguments) {
+  const std::optional<double> size_m = io::parseDouble(arguments.marker_size);
+  if (!size_m || !(*size_m > 0.0)) {
+    return Error{"--marker-size: '" + arguments.marker_size +
+                 "' must be a positive number of metres"};
+  }
+  slam::Options options;
+  options.marker_size_m = *size_m;
+  if (const std::string reason = options.invalidReason(); !reason.empty()) return Error{reason};
+  return options;
+}
+
+Result<RunSetup> prepare(const RunArguments& arguments) {
+  Result<slam::Options> options = slamOptions(arguments);
+  if (!options) return options.error();
+  Result<slam::Dictionary> dictionary = findDictionary(arguments.dictionary);
+  if (!dictionary) return dictionary.error();
+  const Result<slam::Calibration> calibration = io::readCalibration(arguments.calibration);
+  if (!calibration) return calibration.error();
+  const slam::CameraModel camera(*calibration);
+  Result<std::unique_ptr<RunInput>> input = openRunInput({.source = arguments.source,
+                                                          .calibration = arguments.calibration,
+                                                          .fps = arguments.fps,
+                                                          .realtime = arguments.realtime},
+                                                         camera);
+  if (!input) return input.error();
+  std::optional<io::OutputDirectory> output;
+  if (!arguments.out.empty()) {
+    Result<io::OutputDirectory> opened = io::OutputDirectory::open(arguments.out);
+    if (!opened) return opened.error();
+    output.emplace(std::move(opened).value());
+  }
+  return RunSetup{camera, std::move(dictionary).value(), *options, std::move(input).value(),
+                  std::move(output)};
+}
+
+Status processAll(RunInput& input, slam::Slam& slam, StageTimer& timer, bool show_progress,
+                  RunRecord* record) {
+  ProgressBar bar(input.frameCount(), show_progress);
+  for (;;) {
+    const Result<std::optional<RunInput::Step>> step = input.step(slam, timer);
+    if (!step) return step.error();
+    if (!step.value()) return success();
+    record->add((*step)->time_ns, (*step)->result);
+    bar.update({record->frames(), record->localizedPercent(), slam.map().markers.size()});
+  }
+}
+
+Status writeOutputs(const slam::Slam& slam, const std::string& statistics, const RunRecord& record,
+                    const std::string& title, io::OutputDirectory& output) {
+  const io::Trajectory final_trajectory = record.finalTrajectory(slam);
+  output.add("trajectory.tum", io::formatTrajectory(record.liveTrajectory()));
+  output.add("trajectory_final.tum", io::formatTrajectory(final_trajectory));
+  output.add("map.json", io::formatMap(slam.map(), slam.camera().calibration()));
+  output.add("map.svg", io::formatMapPicture({.title = title,
+                                              .markers = io::posedMarkerCorners(slam.map()),
+                                              .estimate = final_trajectory,
+                                              .truth = {},
+                                              .z_is_up = false}));
+  output.add("stats.json", statistics);
+  return output.commit();
+}
+
+Result<ExitCode> run(const RunArguments& arguments) {
+  // The SLAM is one thread; OpenCV's pool would blur its timing and gain nothing.
+  cv::setNumThreads(1);
+  Result<RunSetup> prepared = prepare(arguments);
+  if (!prepared) return prepared.error();
+  RunSetup& setup = prepared.value();
+  if (!arguments.quiet) std::fprintf(stderr, "%s\n", setup.input->description().c_str());
+
+  slam::Slam slam(setup.camera, setup.dictionary, setup.options);
+  StageTimer timer;
+  RunRecord record;
+  const Status processed =
+      processAll(*setup.input, slam, timer, /*show_progress=*/!arguments.quiet, &record);
+  if (!processed) return processed.error();
+  if (!arguments.no_global) slam.optimiseGlobally();
+  if (setup.output) {
+    const Status written =
+        writeOutputs(slam, record.statistics(slam, timer, setup.input->droppedLate()), record,
+                     setup.input->description(), *setup.output);
+    if (!written) return written.error();
+  }
+  if (!arguments.quiet) {
+    std::printf(
+        "%zu frames, %zu localized (%.1f %%), %zu markers, %zu keyframes, %.2f ms a frame\n",
+        record.frames(), record.localized(), record.localizedPercent(),
+        io::posedMarkerCorners(slam.map()).size(), slam.map().keyframes.size(),
+        timer.totalWall_ms() / std::max<double>(1.0, static_cast<double>(record.frames())));
+  }
+  return record.localized() > 0 ? kDone : kNoPose;
+}
+
+}  // namespace
+
+void addRunCommand(CLI::App& app, int* exit_code) {
+  CLI::App* command = app.add_subcommand("run", "Run the SLAM over a recording");
+  const auto arguments = std::make_shared<RunArguments>();
+  command
+      ->add_option("source", arguments->source,
+                   "A video file, a directory of images (in the order of their names; frames.txt "
+                   "with lines FILE SECONDS, or --fps, for times), or a detections.csv")
+      ->required();
+  command->add_option("--calibration", arguments->calibration, "Camera, OpenCV YAML")->required();
+  command
+      ->add_option("--dictionary", arguments->dictionary, "Marker dictionary, e.g. APRILTAG_36h11")
+      ->required();
+  command
+      ->add_option("--marker-size", arguments->marker_size,
+                   "Side of the printed black square, metres")
+      ->required();
+  command->add_option("--out", arguments->out,
+                      "Directory for trajectory.tum, trajectory_final.tum, map.json, map.svg and "
+                      "stats.json");
+  command->add_option("--fps", arguments->fps, "Frame rate, instead of the recording's own, Hz")
+      ->check(CLI::PositiveNumber);
+  command->add_flag("--no-global", arguments->no_global,
+                    "Leave the map as it was live: no optimisation at the end");
+  command->add_flag("--realtime", arguments->realtime,
+                    "Play at the recording's rate and drop late frames, as live; times then count "
+                    "from the first frame");
+  command->add_flag("--quiet", arguments->quiet, "Say nothing but errors");
+  command->callback([arguments, exit_code] {
+    const Result<ExitCode> result = run(*arguments);
+    if (!result) std::fprintf(stderr, "waymark: %s\n", result.error().message.c_str());
+    *exit_code = result ? result.value() : kBadInput;
+  });
+}
+
+}  // namespace waymark::tools

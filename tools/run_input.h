@@ -1,0 +1,49 @@
+// What `waymark run` runs over: frames of a recording, or recorded detections.
+#pragma once
+
+#include <cstdint>
+#include <memory>
+#include <optional>
+#include <string>
+
+#include "base/result.h"
+#include "slam/slam.h"
+#include "tools/stage_timer.h"
+
+namespace waymark::tools {
+
+struct RunInputOptions {
+  std::string source;         // as typed
+  std::string calibration;    // for messages: the file it came from
+  std::optional<double> fps;  // Hz
+  bool realtime = false;
+};
+
+// One frame after the other through the SLAM.
+class RunInput {
+ public:
+  struct Step {
+    std::int64_t time_ns = 0;  // of the recording; in real time since its first frame
+    slam::FrameResult result;
+  };
+
+  RunInput() = default;
+  RunInput(const RunInput&) = delete;
+  RunInput& operator=(const RunInput&) = delete;
+  virtual ~RunInput() = default;
+
+  // Processes the next frame. Empty at the end of the recording.
+  [[nodiscard]] virtual Result<std::optional<Step>> step(slam::Slam& slam, StageTimer& timer) = 0;
+
+  [[nodiscard]] virtual const std::string& description() const = 0;
+  [[nodiscard]] virtual std::optional<std::int64_t> frameCount() const = 0;
+  // Frames that were never processed because their time had passed.
+  [[nodiscard]] virtual std::uint64_t droppedLate() const = 0;
+};
+
+// A source that ends in .csv holds recorded detections; anything else is opened as frames, whose
+// size must be the camera's.
+[[nodiscard]] Result<std::unique_ptr<RunInput>> openRunInput(const RunInputOptions& options,
+                                                             const slam::CameraModel& camera);
+
+}  // namespace waymark::tools

@@ -1,0 +1,99 @@
+#include "tools/run_record.h"
+
+#include <algorithm>
+#include <cmath>
+#include <utility>
+
+#include <nlohmann/json.hpp>
+
+namespace waymark::tools {
+namespace {
+
+using Json = nlohmann::ordered_json;
+
+Json toJson(const slam::Counters& counters) {
+  return {{"keyframes_added", counters.keyframes_added},
+          {"rejected_markers", counters.rejected_markers},
+          {"rejected_poses", counters.rejected_poses}};
+}
+
+std::size_t posedMarkers(const slam::Map& map) {
+  return static_cast<std::size_t>(
+      std::count_if(map.markers.begin(), map.markers.end(),
+                    [](const auto& entry) { return entry.second.T_w_m.has_value(); }));
+}
+
+}  // namespace
+
+void RunRecord::add(std::int64_t time_ns, const slam::FrameResult& result) {
+  if (result.pose) {
+    if (!initialized_at_) initialized_at_ = frames_.size();
+    ++localized_;
+  }
+  frames_.push_back({time_ns, result.pose, {result.detections.begin(), result.detections.end()}});
+}
+
+double RunRecord::localizedPercent() const {
+  if (frames_.empty()) return 0.0;
+  return 100.0 * static_cast<double>(localized_) / static_cast<double>(frames_.size());
+}
+
+io::Trajectory RunRecord::liveTrajectory() const {
+  io::Trajectory trajectory;
+  for (const FrameRecord& frame : frames_) {
+    if (frame.pose) trajectory.push_back({frame.time_ns, frame.pose->T_w_c});
+  }
+  return trajectory;
+}
+
+io::Trajectory RunRecord::finalTrajectory(const slam::Slam& slam) const {
+  std::vector<std::optional<slam::Transform>> poses(frames_.size());
+  // A frame that was lost live starts from its neighbour: first the one before, then, for the
+  // frames in front of the first pose, the one after.
+  std::optional<slam::Transform> neighbour;
+  const auto localize = [&](std::size_t i) {
+    if (!poses[i]) {
+      const std::optional<slam::Transform> guess =
+          frames_[i].pose ? std::optional(frames_[i].pose->T_w_c) : neighbour;
+      if (!guess) return;
+      const auto pose = slam.localize(frames_[i].detections, *guess);
+      if (pose) poses[i] = pose->T_w_c;
+    }
+    if (poses[i]) neighbour = poses[i];
+  };
+  for (std::size_t i = 0; i < frames_.size(); ++i) localize(i);
+  neighbour.reset();
+  for (std::size_t i = frames_.size(); i-- > 0;) localize(i);
+
+  io::Trajectory trajectory;
+  for (std::size_t i = 0; i < frames_.size(); ++i) {
+    if (poses[i]) trajectory.push_back({frames_[i].time_ns, *poses[i]});
+  }
+  return trajectory;
+}
+
+std::string RunRecord::statistics(const slam::Slam& slam, const StageTimer& timer,
+                                  std::uint64_t dropped_late) const {
+  const slam::Counters& counters = slam.counters();
+  double squares_px2 = 0.0;  // of each frame's RMS
+  for (const FrameRecord& frame : frames_) {
+    if (frame.pose) squares_px2 += std::pow(frame.pose->reprojection_rms_px, 2);
+  }
+  const Json none = nullptr;
+  Json json;
+  json["frames"] = frames_.size();
+  json["localized"] = localized_;
+  json["initialized_at_frame"] = initialized_at_ ? Json(*initialized_at_) : none;
+  json["keyframes"] = slam.map().keyframes.size();
+  json["markers"] = posedMarkers(slam.map());
+  json["loop_closures"] = counters.loop_closures;
+  json["relocalizations"] = counters.relocalizations;
+  json["reprojection_rms_px"] =
+      localized_ > 0 ? Json(std::sqrt(squares_px2 / static_cast<double>(localized_))) : none;
+  json["counters"] = toJson(counters);
+  json["counters"]["dropped_late"] = dropped_late;
+  json["timing"] = timer.json();
+  return json.dump(2) + "\n";
+}
+
+}  // namespace waymark::tools

@@ -1,0 +1,43 @@
+// What happened in a run, frame by frame, and the files that tell of it.
+#pragma once
+
+#include <cstdint>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "io/trajectory.h"
+#include "slam/slam.h"
+#include "tools/stage_timer.h"
+
+namespace waymark::tools {
+
+struct FrameRecord {
+  std::int64_t time_ns = 0;
+  std::optional<slam::PoseEstimate> pose;  // as it would have been published live
+  std::vector<slam::MarkerDetection> detections;
+};
+
+class RunRecord {
+ public:
+  void add(std::int64_t time_ns, const slam::FrameResult& result);
+
+  [[nodiscard]] std::size_t frames() const { return frames_.size(); }
+  [[nodiscard]] std::size_t localized() const { return localized_; }
+  [[nodiscard]] double localizedPercent() const;
+
+  // Every frame's pose at its time: causal.
+  [[nodiscard]] io::Trajectory liveTrajectory() const;
+  // Every frame's pose against the map as it is now.
+  [[nodiscard]] io::Trajectory finalTrajectory(const slam::Slam& slam) const;
+  // stats.json of the interface.
+  [[nodiscard]] std::string statistics(const slam::Slam& slam, const StageTimer& timer,
+                                       std::uint64_t dropped_late) const;
+
+ private:
+  std::vector<FrameRecord> frames_;
+  std::size_t localized_ = 0;
+  std::optional<std::size_t> initialized_at_;  // index of the first frame with a pose
+};
+
+}  // namespace waymark::tools

@@ -1,0 +1,83 @@
+#include "tools/stage_timer.h"
+
+#include <algorithm>
+#include <cmath>
+#include <ctime>
+#include <numeric>
+
+#include <nlohmann/json.hpp>
+
+namespace waymark::tools {
+namespace {
+
+constexpr std::array<const char*, 3> kStageNames = {"detect", "track", "map"};
+
+double read_ms(clockid_t clock) {
+  timespec time{};
+  clock_gettime(clock, &time);
+  return 1e3 * static_cast<double>(time.tv_sec) + 1e-6 * static_cast<double>(time.tv_nsec);
+}
+
+nlohmann::ordered_json toJson(const std::vector<double>& times_ms) {
+  const TimeSummary s = summarise(times_ms);
+  return {{"mean", s.mean}, {"median", s.median}, {"p99", s.p99}, {"p999", s.p999}, {"max", s.max}};
+}
+
+}  // namespace
+
+TimeSummary summarise(std::vector<double> times) {
+  if (times.empty()) return {};
+  std::sort(times.begin(), times.end());
+  const auto count = static_cast<double>(times.size());
+  const auto percentile = [&](double fraction) {
+    const auto rank = static_cast<std::size_t>(std::ceil(fraction * count));
+    return times[std::clamp<std::size_t>(rank, 1, times.size()) - 1];
+  };
+  return {.mean = std::accumulate(times.begin(), times.end(), 0.0) / count,
+          .median = percentile(0.5),
+          .p99 = percentile(0.99),
+          .p999 = percentile(0.999),
+          .max = times.back()};
+}
+
+StageTimer::Reading StageTimer::now() {
+  return {read_ms(CLOCK_MONOTONIC), read_ms(CLOCK_THREAD_CPUTIME_ID)};
+}
+
+void StageTimer::start(Watch& watch) { watch.started = now(); }
+
+void StageTimer::stop(Watch& watch) {
+  const Reading stopped = now();
+  watch.frame.wall_ms += stopped.wall_ms - watch.started.wall_ms;
+  watch.frame.cpu_ms += stopped.cpu_ms - watch.started.cpu_ms;
+}
+
+void StageTimer::store(Watch& watch) {
+  watch.wall_ms.push_back(watch.frame.wall_ms);
+  watch.cpu_ms.push_back(watch.frame.cpu_ms);
+  watch.frame = {};
+}
+
+void StageTimer::beginFrame() { start(total_); }
+
+void StageTimer::endFrame() {
+  stop(total_);
+  total_wall_ms_ += total_.frame.wall_ms;
+  store(total_);
+  for (Watch& stage : stages_) store(stage);
+}
+
+void StageTimer::begin(slam::Stage stage) { start(stages_[static_cast<std::size_t>(stage)]); }
+void StageTimer::end(slam::Stage stage) { stop(stages_[static_cast<std::size_t>(stage)]); }
+
+nlohmann::ordered_json StageTimer::json() const {
+  nlohmann::ordered_json json;
+  const auto add = [&json](const char* name, const Watch& watch) {
+    json[name] = {{"wall_ms", toJson(watch.wall_ms)}, {"cpu_ms", toJson(watch.cpu_ms)}};
+  };
+  add("total", total_);
+  for (std::size_t i = 0; i < stages_.size(); ++i) add(kStageNames[i], stages_[i]);
+  return json;
+}
+
+}  // namespace waymark::tools

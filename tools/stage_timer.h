@@ -1,0 +1,60 @@
+// The stopwatches of `waymark run`: wall and CPU time of the SLAM thread, by stage.
+#pragma once
+
+#include <array>
+#include <cstddef>
+#include <vector>
+
+#include <nlohmann/json_fwd.hpp>
+
+#include "slam/slam.h"
+
+namespace waymark::tools {
+
+struct TimeSummary {
+  double mean = 0.0;
+  double median = 0.0;
+  double p99 = 0.0;
+  double p999 = 0.0;
+  double max = 0.0;
+};
+// Percentiles by nearest rank: each is a time that was measured. Zeros for an empty list.
+[[nodiscard]] TimeSummary summarise(std::vector<double> times);
+
+class StageTimer final : public slam::StageObserver {
+ public:
+  // Around processFrame(): everything from having the grey frame to having the pose.
+  void beginFrame();
+  void endFrame();
+
+  // A stage may run more than once in a frame; its times add up. One that does not run counts as 0.
+  void begin(slam::Stage stage) override;
+  void end(slam::Stage stage) override;
+
+  // {"total":{"wall_ms":{...},"cpu_ms":{...}},"detect":...,"track":...,"map":...}, over all frames.
+  [[nodiscard]] nlohmann::ordered_json json() const;
+
+  [[nodiscard]] double totalWall_ms() const { return total_wall_ms_; }  // sum over all frames
+
+ private:
+  struct Reading {
+    double wall_ms = 0.0;
+    double cpu_ms = 0.0;
+  };
+  struct Watch {
+    Reading started;
+    Reading frame;                // so far in this frame
+    std::vector<double> wall_ms;  // one per frame
+    std::vector<double> cpu_ms;
+  };
+  static Reading now();
+  static void start(Watch& watch);
+  static void stop(Watch& watch);
+  static void store(Watch& watch);
+
+  Watch total_;
+  std::array<Watch, 3> stages_;  // in the order of slam::Stage
+  double total_wall_ms_ = 0.0;
+};
+
+}  // namespace waymark::tools
