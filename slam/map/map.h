@@ -1,6 +1,7 @@
 // The map W of seed 1, section 3.3: markers, keyframes and who sees what.
 #pragma once
 
+#include <array>
 #include <cstdint>
 #include <map>
 #include <optional>
@@ -27,14 +28,17 @@ struct Keyframe {
   std::int64_t index = -1;  // unique and ever growing within a map
   std::uint64_t sequence = 0;
   std::int64_t monotonic_ns = 0;
-  Transform T_w_c;  // inverse of the paper's gamma^i
-  std::vector<MarkerDetection> detections;
+  Transform T_w_c;                          // inverse of the paper's gamma^i
+  std::vector<MarkerDetection> detections;  // sorted by id
+
+  // Null when the keyframe does not see the marker.
+  [[nodiscard]] const MarkerDetection* find(int id) const;
 };
 
 struct Map {
   std::string dictionary;
-  std::map<int, MapMarker> markers;     // by id
-  std::vector<Keyframe> keyframes;      // in the order of insertion; the first one fixes the gauge
+  std::map<int, MapMarker> markers;  // by id
+  std::vector<Keyframe> keyframes;   // in the order of insertion; the first one fixes the gauge
   std::int64_t next_keyframe_index = 0;
 
   [[nodiscard]] bool empty() const { return keyframes.empty(); }

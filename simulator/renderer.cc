@@ -1,0 +1,304 @@
+#include "simulator/renderer.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <utility>
+
+#include "simulator/plane_forms.h"
+#include "simulator/random.h"
+
+namespace waymark::simulator {
+namespace {
+
+constexpr float kNothing = 90.0F;  // grey level where a ray meets no surface
+constexpr int kSamples = 16;       // per pixel of a marker, 4 x 4
+
+// Sixteen places in a pixel, relative to its centre: a 4 x 4 grid sheared so that no two share a
+// row or a column. An edge along the pixels is then resolved to 1/16 px. The pattern is its own
+// mirror image through the centre.
+struct SamplePattern {
+  std::array<float, kSamples> x{};
+  std::array<float, kSamples> y{};
+
+  constexpr SamplePattern() {
+    for (int i = 0; i < 4; ++i) {
+      for (int j = 0; j < 4; ++j) {
+        const auto k = static_cast<std::size_t>(4 * i + j);
+        x[k] = (static_cast<float>(i) + (static_cast<float>(j) + 0.5F) / 4.0F) / 4.0F - 0.5F;
+        y[k] = (static_cast<float>(j) + (static_cast<float>(3 - i) + 0.5F) / 4.0F) / 4.0F - 0.5F;
+      }
+    }
+  }
+};
+constexpr SamplePattern kPattern;
+
+std::array<Eigen::Vector3d, 4> corners(const slam::Transform& T_c_s, double half_x, double half_y) {
+  return {T_c_s * Eigen::Vector3d(-half_x, half_y, 0.0), T_c_s * Eigen::Vector3d(half_x, half_y, 0.0),
+          T_c_s * Eigen::Vector3d(half_x, -half_y, 0.0),
+          T_c_s * Eigen::Vector3d(-half_x, -half_y, 0.0)};
+}
+
+// Is all of the rectangle outside one side of the field of view, or behind the camera?
+bool outOfView(const std::array<Eigen::Vector3d, 4>& p_c, const RayTable::Bounds& b) {
+  const auto all = [&p_c](auto outside) { return std::all_of(p_c.begin(), p_c.end(), outside); };
+  using P = Eigen::Vector3d;
+  return all([](const P& p) { return p.z() <= 0.0; }) ||
+         all([&](const P& p) { return p.x() < b.x_low * p.z(); }) ||
+         all([&](const P& p) { return p.x() > b.x_high * p.z(); }) ||
+         all([&](const P& p) { return p.y() < b.y_low * p.z(); }) ||
+         all([&](const P& p) { return p.y() > b.y_high * p.z(); });
+}
+
+// A rolling shutter's poses at the first, middle and last row; a global one's only pose.
+std::vector<const slam::Transform*> samplePoses(const RowPoses& poses) {
+  if (poses.T_w_c.size() == 1) return {&poses.T_w_c.front()};
+  return {&poses.T_w_c.front(), &poses.T_w_c[poses.T_w_c.size() / 2], &poses.T_w_c.back()};
+}
+
+// Rows and columns of the ray table, ends excluded.
+struct Box {
+  int x_begin, x_end, y_begin, y_end;
+};
+
+// The pixels a marker's paper can touch. Neighbouring rays are needed for sampling, so the outermost
+// pixels of the table are left out.
+Box boundingBox(const RowPoses& poses, const Marker& marker, double half_paper,
+                const slam::CameraModel& camera, const RayTable& rays) {
+  const Box whole{1, rays.width() - 1, 1, rays.height() - 1};
+  // A straight edge bulges by the lens, and a rolling shutter shears it.
+  const double slack = poses.T_w_c.size() == 1 ? 4.0 : 16.0;
+  Eigen::Vector2d low(1e9, 1e9);
+  Eigen::Vector2d high(-1e9, -1e9);
+  for (const slam::Transform* T_w_c : samplePoses(poses)) {
+    const slam::Transform T_c_m = T_w_c->inverse() * marker.T_w_m;
+    for (const double x : {-half_paper, 0.0, half_paper}) {
+      for (const double y : {-half_paper, 0.0, half_paper}) {
+        const auto pixel = camera.project(T_c_m * Eigen::Vector3d(x, y, 0.0));
+        if (!pixel) return whole;
+        low = low.cwiseMin(*pixel);
+        high = high.cwiseMax(*pixel);
+      }
+    }
+  }
+  const auto column = [&](double x) {
+    return static_cast<int>(std::lround(std::clamp(x + rays.margin(), 1.0, rays.width() - 1.0)));
+  };
+  const auto row = [&](double y) {
+    return static_cast<int>(std::lround(std::clamp(y + rays.margin(), 1.0, rays.height() - 1.0)));
+  };
+  return {column(low.x() - slack), column(high.x() + slack), row(low.y() - slack),
+          row(high.y() + slack)};
+}
+
+// The grey levels of a marker's paper, cell by cell, the white margin included.
+struct Print {
+  int cells;  // along a side
+  std::vector<float> grey;
+
+  Print(const slam::Dictionary& dictionary, int id) : cells(dictionary.cells() + 2) {
+    grey.assign(static_cast<std::size_t>(cells) * static_cast<std::size_t>(cells),
+                static_cast<float>(Renderer::kPaper));
+    for (int r = 0; r < dictionary.cells(); ++r) {
+      for (int c = 0; c < dictionary.cells(); ++c) {
+        if (dictionary.white(id, r, c)) continue;
+        grey[static_cast<std::size_t>((r + 1) * cells + c + 1)] =
+            static_cast<float>(Renderer::kInk);
+      }
+    }
+  }
+};
+
+// A value at the middle of a pixel and its change to the neighbouring pixels.
+struct Gradient {
+  float centre, by_column, by_row;
+
+  Gradient(const Eigen::Vector3f& form, float x, float y, const Eigen::Matrix2f& d_ray)
+      : centre(form[0] * x + form[1] * y + form[2]),
+        by_column(form[0] * d_ray(0, 0) + form[1] * d_ray(1, 0)),
+        by_row(form[0] * d_ray(0, 1) + form[1] * d_ray(1, 1)) {}
+
+  [[nodiscard]] float reach() const { return 0.5F * (std::abs(by_column) + std::abs(by_row)); }
+  [[nodiscard]] float at(std::size_t sample) const {
+    return centre + by_column * kPattern.x[sample] + by_row * kPattern.y[sample];
+  }
+};
+
+// The mean over a pixel of the paper where it is, and of `behind` where it is not.
+float samplePaper(const Gradient& u, const Gradient& v, const Gradient& w, float half,
+                  const Print& print, float behind) {
+  const float per_cell = static_cast<float>(print.cells) / (2.0F * half);
+  std::array<float, kSamples> column;
+  std::array<float, kSamples> row;
+  for (std::size_t k = 0; k < kSamples; ++k) {
+    const float z = 1.0F / w.at(k);
+    column[k] = (u.at(k) * z + half) * per_cell;
+    row[k] = (half - v.at(k) * z) * per_cell;
+  }
+  const auto cells = static_cast<float>(print.cells);
+  float sum = 0.0F;
+  for (std::size_t k = 0; k < kSamples; ++k) {
+    const bool hit = column[k] >= 0.0F && column[k] < cells && row[k] >= 0.0F && row[k] < cells;
+    sum += hit ? print.grey[static_cast<std::size_t>(static_cast<int>(row[k]) * print.cells +
+                                                     static_cast<int>(column[k]))]
+               : behind;
+  }
+  return sum / kSamples;
+}
+
+}  // namespace
+
+Result<Renderer> Renderer::create(const Scene& scene, std::uint64_t seed, int margin_px) {
+  Result<RayTable> rays = RayTable::create(slam::CameraModel(scene.camera), margin_px);
+  if (!rays) return rays.error();
+  return Renderer(scene, seed, std::move(*rays));
+}
+
+Renderer::Renderer(const Scene& scene, std::uint64_t seed, RayTable rays)
+    : dictionary_(scene.dictionary),
+      camera_(scene.camera),
+      rays_(std::move(rays)),
+      surfaces_(scene.surfaces) {
+  Random random(seed, 0x5041494e54);
+  for (const Surface& surface : surfaces_) textures_.emplace_back(surface, random.next());
+}
+
+void Renderer::render(const RowPoses& poses, std::span<const Marker> markers,
+                      Workspace* workspace) const {
+  const auto width = static_cast<std::size_t>(rays_.width());
+  const std::size_t count = width * static_cast<std::size_t>(rays_.height());
+  workspace->radiance.width = rays_.width();
+  workspace->radiance.height = rays_.height();
+  workspace->radiance.pixels.resize(count);
+  workspace->inverse_depth.resize(count);
+  workspace->surface.resize(width);
+  workspace->u.resize(width);
+  workspace->v.resize(width);
+
+  renderSurfaces(poses, workspace);
+
+  // Far ones first, so that near ones cover them.
+  const Eigen::Vector3d eye = poses.at(rays_.height() / 2).p;
+  std::vector<const Marker*> far_first;
+  for (const Marker& marker : markers) far_first.push_back(&marker);
+  std::stable_sort(far_first.begin(), far_first.end(), [&](const Marker* a, const Marker* b) {
+    return (a->T_w_m.p - eye).squaredNorm() > (b->T_w_m.p - eye).squaredNorm();
+  });
+  for (const Marker* marker : far_first) renderMarker(poses, *marker, workspace);
+}
+
+void Renderer::renderSurfaces(const RowPoses& poses, Workspace* workspace) const {
+  std::vector<int> candidates;
+  for (std::size_t i = 0; i < surfaces_.size(); ++i) {
+    const Surface& s = surfaces_[i];
+    const auto checks = samplePoses(poses);
+    const bool hidden = std::all_of(checks.begin(), checks.end(), [&](const slam::Transform* pose) {
+      return outOfView(corners(pose->inverse() * s.T_w_s, s.half_width_m, s.half_height_m),
+                       rays_.bounds());
+    });
+    if (!hidden) candidates.push_back(static_cast<int>(i));
+  }
+  for (int row = 0; row < rays_.height(); ++row) {
+    renderSurfaceRow(row, poses.at(row), candidates, workspace);
+  }
+}
+
+void Renderer::renderSurfaceRow(int row, const slam::Transform& T_w_c,
+                                std::span<const int> candidates, Workspace* workspace) const {
+  const auto width = static_cast<std::size_t>(rays_.width());
+  const float* const x = rays_.x(row);
+  const float* const y = rays_.y(row);
+  float* const nearest = workspace->inverse_depth.data() + static_cast<std::size_t>(row) * width;
+  int* const surface = workspace->surface.data();
+  float* const u = workspace->u.data();
+  float* const v = workspace->v.data();
+  std::fill_n(nearest, width, 0.0F);
+  std::fill_n(surface, width, -1);
+  std::fill_n(u, width, 0.0F);
+  std::fill_n(v, width, 0.0F);
+
+  for (const int index : candidates) {
+    const Surface& s = surfaces_[static_cast<std::size_t>(index)];
+    const slam::Transform T_s_c = s.T_w_s.inverse() * T_w_c;
+    if (std::abs(T_s_c.p.z()) < kInPlane) continue;
+    const PlaneForms f(T_s_c);
+    const float a[3] = {f.u_over_z[0], f.u_over_z[1], f.u_over_z[2]};
+    const float b[3] = {f.v_over_z[0], f.v_over_z[1], f.v_over_z[2]};
+    const float c[3] = {f.inverse_z[0], f.inverse_z[1], f.inverse_z[2]};
+    const auto half_u = static_cast<float>(s.half_width_m);
+    const auto half_v = static_cast<float>(s.half_height_m);
+    for (std::size_t i = 0; i < width; ++i) {
+      const float uz = a[0] * x[i] + a[1] * y[i] + a[2];
+      const float vz = b[0] * x[i] + b[1] * y[i] + b[2];
+      const float w = c[0] * x[i] + c[1] * y[i] + c[2];
+      const bool hit =
+          (w > nearest[i]) & (std::abs(uz) <= half_u * w) & (std::abs(vz) <= half_v * w);
+      nearest[i] = hit ? w : nearest[i];
+      surface[i] = hit ? index : surface[i];
+      u[i] = hit ? uz : u[i];
+      v[i] = hit ? vz : v[i];
+    }
+  }
+
+  float* const out = workspace->radiance.row(row);
+  for (std::size_t i = 0; i < width; ++i) {
+    const float z = 1.0F / std::max(nearest[i], 1e-9F);
+    u[i] *= z;
+    v[i] *= z;
+  }
+  for (std::size_t i = 0; i < width; ++i) {
+    out[i] = surface[i] < 0 ? kNothing
+                            : textures_[static_cast<std::size_t>(surface[i])].at(u[i], v[i]);
+  }
+}
+
+void Renderer::renderMarker(const RowPoses& poses, const Marker& marker,
+                            Workspace* workspace) const {
+  const Print print(dictionary_, marker.id);
+  const double half_paper = 0.5 * marker.size_m * print.cells / dictionary_.cells();
+  const slam::Transform T_m_w = marker.T_w_m.inverse();
+  const auto seen = [&](const slam::Transform* T_w_c) {
+    return (T_m_w * *T_w_c).p.z() > kInPlane &&
+           !outOfView(corners(T_w_c->inverse() * marker.T_w_m, half_paper, half_paper),
+                      rays_.bounds());
+  };
+  const auto checks = samplePoses(poses);
+  if (std::none_of(checks.begin(), checks.end(), seen)) return;
+
+  const auto half = static_cast<float>(half_paper);
+  const Box box = boundingBox(poses, marker, half_paper, camera_, rays_);
+  const auto width = static_cast<std::size_t>(rays_.width());
+  for (int row = box.y_begin; row < box.y_end; ++row) {
+    const slam::Transform T_m_c = T_m_w * poses.at(row);
+    if (T_m_c.p.z() <= kInPlane) continue;
+    const PlaneForms forms(T_m_c);
+    const float* const depth =
+        workspace->inverse_depth.data() + static_cast<std::size_t>(row) * width;
+    float* const out = workspace->radiance.row(row);
+    const float* const x = rays_.x(row);
+    const float* const y = rays_.y(row);
+    const float* const x_above = rays_.x(row - 1);
+    const float* const y_above = rays_.y(row - 1);
+    const float* const x_below = rays_.x(row + 1);
+    const float* const y_below = rays_.y(row + 1);
+    for (int i = box.x_begin; i < box.x_end; ++i) {
+      // The lens is so nearly linear within a pixel that its derivative places the samples to
+      // 0.0002 px.
+      Eigen::Matrix2f d_ray;
+      d_ray << 0.5F * (x[i + 1] - x[i - 1]), 0.5F * (x_below[i] - x_above[i]),
+          0.5F * (y[i + 1] - y[i - 1]), 0.5F * (y_below[i] - y_above[i]);
+      const Gradient w(forms.inverse_z, x[i], y[i], d_ray);
+      const Gradient u(forms.u_over_z, x[i], y[i], d_ray);
+      const Gradient v(forms.v_over_z, x[i], y[i], d_ray);
+      const float reach = half * (w.centre + w.reach());
+      if (w.centre <= w.reach() || std::abs(u.centre) - u.reach() > reach ||
+          std::abs(v.centre) - v.reach() > reach) {
+        continue;
+      }
+      if (w.centre < depth[i] * (1.0F - 1e-5F)) continue;  // behind a wall
+      out[i] = samplePaper(u, v, w, half, print, out[i]);
+    }
+  }
+}
+
+}  // namespace waymark::simulator

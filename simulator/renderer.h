@@ -1,0 +1,80 @@
+// Light arriving at each pixel of one instant: rays against planes. Markers are sampled sixteen
+// times per pixel from their code, so that their edges are exact; plain surfaces once.
+#pragma once
+
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "base/result.h"
+#include "simulator/ray_table.h"
+#include "simulator/scene.h"
+#include "simulator/texture.h"
+
+namespace waymark::simulator {
+
+// Where the camera is while each row is read.
+struct RowPoses {
+  // One for the whole image (global shutter), or one for each row of the ray table.
+  std::vector<slam::Transform> T_w_c;
+
+  [[nodiscard]] const slam::Transform& at(int row) const {
+    return T_w_c.size() == 1 ? T_w_c.front() : T_w_c[static_cast<std::size_t>(row)];
+  }
+};
+
+// Grey levels, with the ray table's margins.
+struct Radiance {
+  int width = 0;
+  int height = 0;
+  std::vector<float> pixels;
+
+  [[nodiscard]] float* row(int y) {
+    return pixels.data() + static_cast<std::size_t>(y) * static_cast<std::size_t>(width);
+  }
+  [[nodiscard]] const float* row(int y) const {
+    return pixels.data() + static_cast<std::size_t>(y) * static_cast<std::size_t>(width);
+  }
+};
+
+// Immutable once made: any number of threads may render, each with its own Workspace.
+class Renderer {
+ public:
+  // Buffers of one thread, reused from frame to frame.
+  struct Workspace {
+    Radiance radiance;                 // the result
+    std::vector<float> inverse_depth;  // of the surface in each pixel, 1 / metres
+    std::vector<int> surface;          // of one row
+    std::vector<float> u, v;           // of one row, metres on the surface
+  };
+
+  static constexpr double kInk = 35.0;     // grey level of the print
+  static constexpr double kPaper = 205.0;  // and of its margin
+
+  // Paints the scene's surfaces. An Error when the lens does not cover the image. The image's
+  // margin is what later blurring needs.
+  [[nodiscard]] static Result<Renderer> create(const Scene& scene, std::uint64_t seed,
+                                               int margin_px);
+
+  // Renders into workspace->radiance. The markers may be elsewhere than in the scene, but are of its
+  // dictionary.
+  void render(const RowPoses& poses, std::span<const Marker> markers, Workspace* workspace) const;
+
+  [[nodiscard]] const RayTable& rays() const { return rays_; }
+
+ private:
+  Renderer(const Scene& scene, std::uint64_t seed, RayTable rays);
+
+  void renderSurfaces(const RowPoses& poses, Workspace* workspace) const;
+  void renderSurfaceRow(int row, const slam::Transform& T_w_c, std::span<const int> candidates,
+                        Workspace* workspace) const;
+  void renderMarker(const RowPoses& poses, const Marker& marker, Workspace* workspace) const;
+
+  slam::Dictionary dictionary_;
+  slam::CameraModel camera_;
+  RayTable rays_;
+  std::vector<Surface> surfaces_;
+  std::vector<Texture> textures_;  // one for each surface
+};
+
+}  // namespace waymark::simulator

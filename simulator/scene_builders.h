@@ -1,0 +1,91 @@
+// What the scenes' builders share. One file per family of scenes: scene_rooms.cc, scene_lab.cc,
+// scene_objects.cc, scene_dolly.cc.
+#pragma once
+
+#include <cstdint>
+#include <string>
+
+#include <Eigen/Core>
+
+#include "simulator/random.h"
+#include "simulator/scene.h"
+
+namespace waymark::simulator {
+
+// What a builder is told, and the scene it fills: surfaces, markers and the trajectory.
+struct Build {
+  Scene* scene;
+  std::uint64_t seed;
+  double marker_size_m;
+  bool closed_loop;  // the trajectory must repeat after scene->duration_s
+
+  // Side of the paper: the black square and a white cell all round.
+  [[nodiscard]] double paperSide() const {
+    return marker_size_m * (scene->dictionary.cells() + 2) / scene->dictionary.cells();
+  }
+};
+
+// A scene before options change it.
+struct SceneKind {
+  SceneInfo info;
+  ImageSize size;
+  double rate_hz;
+  double duration_s;
+  double marker_size_m;
+  int marker_count;
+  bool wide_lens;
+  void (*build)(const Build&);
+};
+
+void buildWalls(const Build& build);
+void buildCeiling(const Build& build);
+void buildRevisit(const Build& build);
+void buildSpin(const Build& build);
+void buildLab(const Build& build);
+void buildSheet(const Build& build);
+void buildBox(const Build& build);
+void buildDolly(const Build& build);
+
+// A rectangle that faces `normal`, with `up` (perpendicular to it) as its y axis.
+[[nodiscard]] Surface makeSurface(const Eigen::Vector3d& centre, const Eigen::Vector3d& normal,
+                                  const Eigen::Vector3d& up, double width_m, double height_m,
+                                  const Paint& paint);
+
+// The six faces of a box seen from inside, in the order: walls at y max, x max, y min, x min, then
+// ceiling and floor.
+struct RoomBox {
+  Eigen::Vector3d low;
+  Eigen::Vector3d high;
+};
+enum RoomFace { kWallNorth, kWallEast, kWallSouth, kWallWest, kCeiling, kFloor };
+[[nodiscard]] Surface roomFace(const RoomBox& room, RoomFace face);
+void addRoom(const RoomBox& room, Scene* scene);
+
+// How crookedly people hang markers, radians.
+struct Crookedness {
+  double roll = 0.15;
+  double tilt = 0.10;
+};
+
+// Hangs a marker at (x, y) of the surface, lifted off it just enough for its tilt. Ids count up.
+void hangMarker(const Build& build, const Surface& surface, double x_m, double y_m,
+                const Crookedness& crookedness, Random* random);
+
+// Hangs `count` markers side by side along the surface's x axis, at scattered heights
+// low_m .. high_m of its y axis.
+void hangRow(const Build& build, const Surface& surface, int count, double low_m, double high_m,
+             Random* random);
+
+// Time as progress 0 .. 1 over the scene; in a closed loop there and back, for paths that end
+// elsewhere than they began.
+class OpenProgress {
+ public:
+  explicit OpenProgress(const Build& build);
+  [[nodiscard]] double at(double time_s) const;
+
+ private:
+  double duration_s_;
+  bool there_and_back_;
+};
+
+}  // namespace waymark::simulator

@@ -1,0 +1,45 @@
+// When a frame becomes a keyframe, and which keyframes are let go (seed 1, sections 4.2, 4.4, 4.6).
+#pragma once
+
+#include <span>
+
+#include "slam/map/map.h"
+
+namespace waymark::slam {
+
+struct KeyframeOptions {
+  // tau_bl of the paper: least distance between keyframes, metres. The paper's 7 mm suits a sheet
+  // of paper; in a room it is the depth that counts, hence the next one.
+  double min_baseline_m = 0.007;
+  // The same as a share of the median distance to the markers in view: below it a new view
+  // triangulates nothing new. Smaller keeps more keyframes and costs time.
+  double min_baseline_per_depth = 0.04;
+  // Turning this far counts like the baseline above, radians.
+  double min_rotation_rad = 0.15;
+  // N_c of Eq. 28: keyframes kept per marker.
+  int views_per_marker = 12;
+};
+
+// How far apart two views of a scene at `depth_m` are: 1 is what min_baseline and min_rotation ask
+// for.
+[[nodiscard]] double viewDistance(const Transform& a, const Transform& b, double depth_m,
+                                  const KeyframeOptions& options);
+
+// Index of the keyframe nearest to the pose (omega of Eq. 21, with the rotation counted too).
+// Precondition: the map has a keyframe.
+[[nodiscard]] std::size_t referenceKeyframe(const Map& map, const Transform& T_w_c, double depth_m,
+                                            const KeyframeOptions& options);
+
+enum class KeyframeReason { kNone, kNewMarker, kMarkerResolved, kBaseline };
+
+// Rules 1, 2a and 2b of section 4.4. `resolved`: an unposed marker is unambiguous in this frame.
+[[nodiscard]] KeyframeReason keyframeReason(const Map& map,
+                                            std::span<const MarkerDetection> detections,
+                                            const Transform& T_w_c, double depth_m, bool resolved,
+                                            const KeyframeOptions& options);
+
+// Section 4.6: for each marker the N_c keyframes farthest from each other; keyframes that no marker
+// chose are removed, except the first (the gauge). Returns how many went.
+int cullKeyframes(Map* map, const KeyframeOptions& options);
+
+}  // namespace waymark::slam

@@ -1,0 +1,108 @@
+#include "slam/marker_pose/marker_resolver.h"
+
+#include <algorithm>
+#include <limits>
+#include <vector>
+
+#include <Eigen/Cholesky>
+
+#include "slam/geometry/reprojection.h"
+
+namespace waymark::slam {
+namespace {
+
+// Sum over all views of the whitened squared residuals (the sum in Eq. 26), and, where asked for,
+// its normal equations by the marker's pose. Infinite when a view cannot see the pose.
+double costOf(const Transform& T_w_m, std::span<const MarkerView> views, double size_m,
+              Matrix6d* H = nullptr, Vector6d* g = nullptr) {
+  const std::array<Eigen::Vector3d, 4> corners = markerCorners(size_m);
+  double cost = 0.0;
+  for (const MarkerView& view : views) {
+    for (std::size_t k = 0; k < 4; ++k) {
+      const Eigen::Vector3d p = T_w_m * corners[k];
+      Projection projection;
+      if (!projectPoint(view.T_w_c, p, &projection)) {
+        return std::numeric_limits<double>::infinity();
+      }
+      const Eigen::Matrix2d W = whitening(view.detection->covariance[k]);
+      const Eigen::Vector2d r = W * (projection.normalised - view.detection->normalised[k]);
+      cost += r.squaredNorm();
+      if (H != nullptr) {
+        const Matrix26d J = W * markerJacobian(T_w_m, p, projection.J_point);
+        *H += J.transpose() * J;
+        *g += J.transpose() * r;
+      }
+    }
+  }
+  return cost;
+}
+
+struct Candidate {
+  Transform T_w_m;
+  double cost;
+};
+
+Candidate refine(Candidate candidate, std::span<const MarkerView> views, double size_m) {
+  constexpr int kIterations = 8;
+  double lambda = 1e-4;
+  for (int i = 0; i < kIterations; ++i) {
+    Matrix6d H = Matrix6d::Zero();
+    Vector6d g = Vector6d::Zero();
+    (void)costOf(candidate.T_w_m, views, size_m, &H, &g);
+    H.diagonal() *= 1.0 + lambda;
+    const Vector6d step = -H.ldlt().solve(g);
+    if (!step.allFinite()) break;
+    const Transform next = candidate.T_w_m.retract(step);
+    const double cost = costOf(next, views, size_m);
+    if (cost < candidate.cost) {
+      candidate = {next, cost};
+      lambda *= 0.1;
+    } else {
+      lambda *= 10.0;
+    }
+  }
+  return candidate;
+}
+
+}  // namespace
+
+std::optional<Transform> resolveMarkerPose(std::span<const MarkerView> views, double size_m,
+                                           double focal_px, const MarkerResolverOptions& options) {
+  if (static_cast<int>(views.size()) < options.min_views) return std::nullopt;
+  std::vector<Candidate> candidates;  // Theta_m of Eq. 24, in the world
+  double corner_variance = 0.0;
+  for (const MarkerView& view : views) {
+    const auto pose = estimateSquarePose(*view.detection, size_m, focal_px, options.square);
+    if (!pose) continue;
+    for (const Transform& T_c_m : pose->T_c_m) {
+      const Transform T_w_m = view.T_w_c * T_c_m;
+      candidates.push_back({T_w_m, costOf(T_w_m, views, size_m)});
+    }
+    for (const Eigen::Matrix2d& covariance : view.detection->covariance) {
+      corner_variance += covariance.trace() / (8.0 * static_cast<double>(views.size()));
+    }
+  }
+  if (candidates.empty()) return std::nullopt;
+  std::sort(candidates.begin(), candidates.end(),
+            [](const Candidate& a, const Candidate& b) { return a.cost < b.cost; });
+
+  // The best pose, and the best one that stays another pose after refinement.
+  constexpr double kOtherOrientation = 0.05;  // radians
+  const Candidate best = refine(candidates.front(), views, size_m);
+  double other_cost = std::numeric_limits<double>::infinity();
+  for (std::size_t i = 1; i < candidates.size(); ++i) {
+    if (rotationDistance(candidates[i].T_w_m.R, best.T_w_m.R) < kOtherOrientation) continue;
+    const Candidate other = refine(candidates[i], views, size_m);
+    if (rotationDistance(other.T_w_m.R, best.T_w_m.R) < kOtherOrientation) continue;
+    other_cost = std::min(other_cost, other.cost);
+    break;  // candidates are sorted: the first true alternative is the strongest
+  }
+  const double n = static_cast<double>(views.size());
+  if (!(best.cost <= options.worst_chi2_per_view * n)) return std::nullopt;
+  const double systematic = options.square.systematic_sigma_px / focal_px;
+  const double floor = 2.0 * n * systematic * systematic / corner_variance;
+  if ((other_cost + floor) / (best.cost + floor) < options.ambiguity_ratio) return std::nullopt;
+  return best.T_w_m;
+}
+
+}  // namespace waymark::slam
