@@ -17,7 +17,7 @@ namespace {
 // Sizes in SVG units, which are pixels at the natural size.
 constexpr double kDrawing = 900.0;   // the longer side of what is drawn
 constexpr double kShortest = 320.0;  // the shorter side is padded to at least this
-constexpr double kMargin = 50.0;
+constexpr double kMargin = 62.0;
 constexpr double kHeader = 64.0;
 constexpr double kFooter = 40.0;
 
