@@ -47,18 +47,11 @@ Json toJson(const slam::Calibration& c) {
           {"distortion", c.distortion}};
 }
 
-// Precondition: the marker has a pose.
-std::array<Eigen::Vector3d, 4> cornersInWorld(const slam::MapMarker& marker) {
-  std::array<Eigen::Vector3d, 4> corners = slam::markerCorners(marker.size_m);
-  for (Eigen::Vector3d& corner : corners) corner = *marker.T_w_m * corner;
-  return corners;
-}
-
 Json toJson(const slam::MapMarker& marker, const std::string& dictionary) {
   Json json = {{"dictionary", dictionary}, {"id", marker.id}, {"size", marker.size_m}};
   if (marker.T_w_m) {
     json["T_w_m"] = toJson(*marker.T_w_m);
-    json["corners"] = toJson(cornersInWorld(marker));
+    json["corners"] = toJson(marker.cornersInWorld());
   }
   return json;
 }
@@ -200,7 +193,7 @@ Result<std::vector<MarkerCorners>> readMarkerCorners(const std::filesystem::path
 std::vector<MarkerCorners> posedMarkerCorners(const slam::Map& map) {
   std::vector<MarkerCorners> markers;
   for (const auto& [id, marker] : map.markers) {
-    if (marker.T_w_m) markers.push_back({id, marker.size_m, cornersInWorld(marker)});
+    if (marker.T_w_m) markers.push_back({id, marker.size_m, marker.cornersInWorld()});
   }
   return markers;
 }

@@ -17,7 +17,7 @@ namespace {
 // Sizes in SVG units, which are pixels at the natural size.
 constexpr double kDrawing = 900.0;   // the longer side of what is drawn
 constexpr double kShortest = 320.0;  // the shorter side is padded to at least this
-constexpr double kMargin = 50.0;
+constexpr double kMargin = 62.0;
 constexpr double kHeader = 64.0;
 constexpr double kFooter = 40.0;
 
@@ -168,7 +168,9 @@ std::string text(const Eigen::Vector2d& at, std::string_view content, double siz
 }
 
 std::string grid(const Projection& project) {
-  const double step = roundLength(project.width() / 6.0 / project.scale()) * project.scale();
+  const double step =
+      roundLength(std::max(project.width(), project.height()) / 6.0 / project.scale()) *
+      project.scale();
   const double top = kHeader;
   const double bottom = project.height() - kFooter;
   const Eigen::Vector2d zero = project(Eigen::Vector3d::Zero());
@@ -214,14 +216,15 @@ std::string markerShape(const Projection& project, const MarkerCorners& marker,
                         LabelPlaces& labels) {
   std::string points;
   Eigen::Vector2d centre = Eigen::Vector2d::Zero();
-  Eigen::Vector2d low = Eigen::Vector2d::Constant(std::numeric_limits<double>::infinity());
-  Eigen::Vector2d high = -low;
-  for (const Eigen::Vector3d& corner : marker.corners) {
-    const Eigen::Vector2d p = project(corner);
+  double twice_area = 0.0;
+  double longest_side = 1e-9;
+  for (std::size_t i = 0; i < 4; ++i) {
+    const Eigen::Vector2d p = project(marker.corners[i]);
+    const Eigen::Vector2d next = project(marker.corners[(i + 1) % 4]);
     points += (points.empty() ? "" : " ") + n(p.x()) + "," + n(p.y());
     centre += 0.25 * p;
-    low = low.cwiseMin(p);
-    high = high.cwiseMax(p);
+    twice_area += p.x() * next.y() - p.y() * next.x();
+    longest_side = std::max(longest_side, (next - p).norm());
   }
   const Eigen::Vector3d normal = (marker.corners[1] - marker.corners[0])
                                      .cross(marker.corners[0] - marker.corners[3])
@@ -238,8 +241,8 @@ std::string markerShape(const Projection& project, const MarkerCorners& marker,
 
   // The id: inside where there is room, else behind the marker.
   const std::string id = std::to_string(marker.id);
-  const double room = (high - low).minCoeff();
-  if (room > 13.0 && facing.norm() < 0.8) {
+  const double room = 0.5 * std::abs(twice_area) / longest_side;
+  if (room > 13.0) {
     const double size = std::clamp(0.45 * room, 8.0, 16.0);
     return svg + text(centre + Eigen::Vector2d(0.0, 0.36 * size), id, size, kInk,
                       "text-anchor=\"middle\"");

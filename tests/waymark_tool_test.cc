@@ -1,0 +1,216 @@
+// The `waymark` command as its users meet it: exit codes, messages and files.
+#include <algorithm>
+#include <filesystem>
+#include <fstream>
+#include <string>
+#include <vector>
+
+#include <gtest/gtest.h>
+#include <nlohmann/json.hpp>
+#include <opencv2/core.hpp>
+#include <opencv2/imgcodecs.hpp>
+#include <opencv2/videoio.hpp>
+
+#include "io/calibration_file.h"
+#include "tests/run_program.h"
+#include "tests/temporary_directory.h"
+
+namespace waymark {
+namespace {
+
+namespace fs = std::filesystem;
+using testing::ProgramResult;
+using testing::readFile;
+using testing::TemporaryDirectory;
+
+constexpr int kWidth = 160;
+constexpr int kHeight = 120;
+
+ProgramResult waymark(std::vector<std::string> arguments) {
+  return testing::runProgram(WAYMARK_PROGRAM, std::move(arguments));
+}
+
+// A directory with a calibration and a video without markers.
+class WaymarkTool : public ::testing::Test {
+ protected:
+  void SetUp() override {
+    const slam::Calibration camera{
+        .width = kWidth, .height = kHeight, .fx = 150.0, .fy = 150.0, .cx = 80.0, .cy = 60.0};
+    ASSERT_TRUE(io::writeCalibration(directory_ / "calib.yml", camera).ok());
+    cv::VideoWriter writer((directory_ / "grey.avi").string(), cv::CAP_FFMPEG,
+                           cv::VideoWriter::fourcc('F', 'F', 'V', '1'), 30.0, {kWidth, kHeight},
+                           /*isColor=*/false);
+    for (int i = 0; i < 8; ++i) {
+      writer.write(cv::Mat(kHeight, kWidth, CV_8UC1, cv::Scalar(128)));
+    }
+  }
+
+  // `waymark run` with what is needed; `changes` replaces values or adds options.
+  ProgramResult run(const std::string& source,
+                    const std::vector<std::pair<std::string, std::string>>& changes = {}) {
+    std::vector<std::pair<std::string, std::string>> options = {
+        {"--calibration", (directory_ / "calib.yml").string()},
+        {"--dictionary", "ARUCO_ORIGINAL"},
+        {"--marker-size", "0.05"},
+        {"--out", (directory_ / "out").string()}};
+    for (const auto& change : changes) {
+      const auto same = [&](const auto& option) { return option.first == change.first; };
+      std::erase_if(options, same);
+      options.push_back(change);
+    }
+    std::vector<std::string> arguments = {"run", source};
+    for (const auto& [key, value] : options) arguments.insert(arguments.end(), {key, value});
+    return waymark(arguments);
+  }
+
+  // Exit code 2, one line that contains `complaint`, and no output.
+  void expectBadInput(const ProgramResult& result, const std::string& complaint) {
+    EXPECT_EQ(result.exit_code, 2) << result.err;
+    // A line about the source may come before; the error itself is one line.
+    const std::size_t error = result.err.find("waymark: ");
+    ASSERT_NE(error, std::string::npos) << result.err;
+    EXPECT_NE(result.err.find(complaint, error), std::string::npos) << result.err;
+    EXPECT_EQ(
+        std::count(result.err.begin() + static_cast<std::ptrdiff_t>(error), result.err.end(), '\n'),
+        1)
+        << result.err;
+    EXPECT_EQ(result.out, "");
+    EXPECT_FALSE(fs::exists(directory_ / "out"));
+  }
+
+  [[nodiscard]] std::string video() const { return (directory_ / "grey.avi").string(); }
+
+  const TemporaryDirectory directory_;
+};
+
+TEST_F(WaymarkTool, HelpAndVersion) {
+  for (const char* option : {"--help", "--version"}) {
+    const ProgramResult result = waymark({option});
+    EXPECT_EQ(result.exit_code, 0);
+    EXPECT_NE(result.out, "");
+    EXPECT_EQ(result.err, "");
+  }
+  EXPECT_NE(waymark({"run", "--help"}).out.find("--marker-size"), std::string::npos);
+}
+
+TEST_F(WaymarkTool, BadUsageIsOneLine) {
+  expectBadInput(waymark({}), "subcommand");
+  expectBadInput(waymark({"fly"}), "");
+  expectBadInput(waymark({"run"}), "source is required");
+  expectBadInput(waymark({"run", "--unknown"}), "");
+  expectBadInput(run(video(), {{"--fps", "-3"}}), "--fps");
+  expectBadInput(run(video(), {{"--fps", "fast"}}), "--fps");
+}
+
+TEST_F(WaymarkTool, BadVideos) {
+  expectBadInput(run((directory_ / "missing.avi").string()), "missing.avi: no such file");
+  expectBadInput(run((directory_ / "calib.yml").string()), "calib.yml: is not a video");
+  const std::string bytes = readFile(video());
+  std::ofstream(directory_ / "cut.avi", std::ios::binary) << bytes.substr(0, bytes.size() * 3 / 5);
+  expectBadInput(run((directory_ / "cut.avi").string()), "cut.avi: is truncated");
+  expectBadInput(run("thermal:0"), "thermal:0: unknown kind of source");
+}
+
+TEST_F(WaymarkTool, ImagesOfMixedSizes) {
+  const fs::path images = directory_ / "images";
+  fs::create_directory(images);
+  cv::imwrite((images / "1.png").string(), cv::Mat(kHeight, kWidth, CV_8UC1, cv::Scalar(9)));
+  cv::imwrite((images / "2.png").string(), cv::Mat(48, 64, CV_8UC1, cv::Scalar(9)));
+  expectBadInput(run(images.string()), "2.png: is 64x48, the images before are 160x120");
+}
+
+TEST_F(WaymarkTool, BadCalibrations) {
+  expectBadInput(run(video(), {{"--calibration", "/nonexistent.yml"}}), "/nonexistent.yml: ");
+  std::ofstream(directory_ / "half.yml") << "%YAML:1.0\n---\nimage_width: 160\n";
+  expectBadInput(run(video(), {{"--calibration", (directory_ / "half.yml").string()}}),
+                 "half.yml: image_height: is missing");
+  const slam::Calibration other{
+      .width = 640, .height = 480, .fx = 500.0, .fy = 500.0, .cx = 320.0, .cy = 240.0};
+  ASSERT_TRUE(io::writeCalibration(directory_ / "other.yml", other).ok());
+  expectBadInput(run(video(), {{"--calibration", (directory_ / "other.yml").string()}}),
+                 "grey.avi: frames are 160x120, but ");
+}
+
+TEST_F(WaymarkTool, BadMarkers) {
+  expectBadInput(run(video(), {{"--dictionary", "APRILTAG_99"}}),
+                 "'APRILTAG_99' is unknown; known: 4X4_100");
+  for (const char* size : {"0", "-0.1", "big", "5cm", "nan", "inf"}) {
+    expectBadInput(run(video(), {{"--marker-size", size}}), "--marker-size");
+  }
+}
+
+TEST_F(WaymarkTool, OutputsThatCannotBeWritten) {
+  expectBadInput(run(video(), {{"--out", video() + "/below"}}), "output directory cannot be made");
+  expectBadInput(run(video(), {{"--out", video()}}), "output directory cannot be made");
+  expectBadInput(run(video(), {{"--out", "/proc/waymark"}}), "output directory cannot be made");
+}
+
+TEST_F(WaymarkTool, BadDetections) {
+  std::ofstream(directory_ / "detections.csv") << "1.0,4,0,1,2\n";
+  expectBadInput(run((directory_ / "detections.csv").string()), "detections.csv:1: has 5 fields");
+}
+
+TEST_F(WaymarkTool, NoMarkerAnywhereIsExitCodeThree) {
+  const ProgramResult result = run(video());
+  EXPECT_EQ(result.exit_code, 3) << result.err;
+  const nlohmann::json statistics =
+      nlohmann::json::parse(readFile(directory_ / "out" / "stats.json"));
+  EXPECT_EQ(statistics["frames"], 8);
+  EXPECT_EQ(statistics["localized"], 0);
+  EXPECT_TRUE(statistics["initialized_at_frame"].is_null());
+}
+
+TEST_F(WaymarkTool, BadTrajectories) {
+  std::ofstream(directory_ / "good.tum") << "1 0 0 0 0 0 0 1\n2 1 0 0 0 0 0 1\n";
+  std::ofstream(directory_ / "bad.tum") << "1 0 0 0 0 0 0 1\n2 1 0\n";
+  std::ofstream(directory_ / "late.tum") << "100 0 0 0 0 0 0 1\n";
+  const std::string good = (directory_ / "good.tum").string();
+  const auto eval = [&](const std::string& estimate) {
+    return waymark({"eval", "--truth", good, "--estimate", (directory_ / estimate).string()});
+  };
+  expectBadInput(eval("missing.tum"), "missing.tum: cannot be read");
+  expectBadInput(eval("bad.tum"), "bad.tum:2: has 3 fields");
+  expectBadInput(eval("late.tum"), "late.tum: no pose of the estimate is within");
+  EXPECT_EQ(eval("good.tum").exit_code, 0);
+}
+
+// On a real recording: every file, twice the same bytes, and close to the printed board.
+TEST_F(WaymarkTool, RealRecordingTwice) {
+  const char* data = std::getenv("WAYMARK_SHARED_DATA");
+  if (data == nullptr || !fs::exists(data)) GTEST_SKIP() << "no real recordings here";
+  const fs::path folder = fs::path(data) / "aruco_chess18";
+  for (const char* out : {"first", "second"}) {
+    const ProgramResult result =
+        run((folder / "frames.avi").string(), {{"--calibration", (folder / "calib.yml").string()},
+                                               {"--marker-size", "0.034"},
+                                               {"--out", (directory_ / out).string()}});
+    ASSERT_EQ(result.exit_code, 0) << result.err;
+  }
+  for (const char* file : {"trajectory.tum", "trajectory_final.tum", "map.json", "map.svg"}) {
+    const std::string bytes = readFile(directory_ / "first" / file);
+    EXPECT_FALSE(bytes.empty()) << file;
+    EXPECT_TRUE(bytes == readFile(directory_ / "second" / file)) << file << " differs";
+  }
+  const nlohmann::json statistics =
+      nlohmann::json::parse(readFile(directory_ / "first" / "stats.json"));
+  EXPECT_EQ(statistics["frames"], 149);
+  EXPECT_GE(statistics["localized"].get<int>(), 143);  // 97 % of the 147 with a marker
+  for (const char* stage : {"total", "detect", "track", "map"}) {
+    for (const char* clock : {"wall_ms", "cpu_ms"}) {
+      for (const char* value : {"mean", "median", "p99", "p999", "max"}) {
+        EXPECT_TRUE(statistics["timing"][stage][clock][value].is_number()) << stage << value;
+      }
+    }
+  }
+  const std::string trajectory = (directory_ / "first" / "trajectory_final.tum").string();
+  const ProgramResult eval = waymark({"eval", "--truth", trajectory, "--estimate", trajectory,
+                                      "--truth-map", (folder / "gt_map.json").string(), "--map",
+                                      (directory_ / "first" / "map.json").string(), "--json"});
+  ASSERT_EQ(eval.exit_code, 0) << eval.err;
+  const nlohmann::json errors = nlohmann::json::parse(eval.out);
+  EXPECT_EQ(errors["common_markers"], 18);
+  EXPECT_LT(errors["ace_m"]["mean"].get<double>(), 0.001);
+}
+
+}  // namespace
+}  // namespace waymark
