@@ -6,8 +6,8 @@
 #include <cmath>
 #include <cstdint>
 #include <cstdio>
-#include <memory>
 #include <map>
+#include <memory>
 #include <numbers>
 #include <optional>
 #include <vector>
@@ -228,9 +228,9 @@ TEST(CornerAccuracy, EdgesLieWhereTheTruthHasThem) {
       for (int side = 0; side < 4; ++side) {
         const Eigen::Matrix3d turn = slam::expSo3({0.0, 0.0, 0.5 * std::numbers::pi * side});
         for (double s = -0.6; s <= 0.6; s += 0.02) {
-          const auto offset = edgeOffset(image, camera, T_c_m,
-                                         turn * Eigen::Vector3d(half, s * half, 0.0), turn.col(0),
-                                         turn.col(1), marker.size_m / 8.0);
+          const auto offset =
+              edgeOffset(image, camera, T_c_m, turn * Eigen::Vector3d(half, s * half, 0.0),
+                         turn.col(0), turn.col(1), marker.size_m / 8.0);
           if (!offset) continue;
           const Eigen::Vector2d out = *camera.project(T_c_m * (half * turn.col(0))) -
                                       *camera.project(T_c_m * Eigen::Vector3d::Zero());

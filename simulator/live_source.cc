@@ -34,7 +34,9 @@ std::size_t imageBytes(const slam::Calibration& camera) {
   return static_cast<std::size_t>(camera.width) * static_cast<std::size_t>(camera.height);
 }
 
-std::chrono::nanoseconds seconds(double s) { return std::chrono::nanoseconds(std::llround(s * 1e9)); }
+std::chrono::nanoseconds seconds(double s) {
+  return std::chrono::nanoseconds(std::llround(s * 1e9));
+}
 
 // What of the truth is known before the first frame.
 Status writeStaticTruth(const std::filesystem::path& directory, const Simulation& simulation) {

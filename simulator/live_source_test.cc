@@ -43,7 +43,8 @@ TEST(LiveSource, PlaysTheLoopInRealTime) {
     ASSERT_NE(frame, nullptr);
     const capture::FrameStamp& stamp = (*frame)->stamp();
     EXPECT_GE(monotonicNow(), stamp.monotonic_ns);  // never before it is exposed
-    if (i == 0) first_ns = stamp.monotonic_ns - static_cast<std::int64_t>(stamp.sequence) * 20000000;
+    if (i == 0)
+      first_ns = stamp.monotonic_ns - static_cast<std::int64_t>(stamp.sequence) * 20000000;
     EXPECT_NEAR(static_cast<double>(stamp.monotonic_ns - first_ns),
                 static_cast<double>(stamp.sequence) * 20e6, 2.0);
     const ImageView image = (*frame)->image();

@@ -53,9 +53,9 @@ struct Options {
   double noise_sigma = 2.0;   // grey levels; 0 for none
   double vignetting = 0.15;   // part of the light lost in the image's corners, 0 .. 1
 
-  double exposure_s = 0.0;     // motion blur; 0 for a flash
-  int exposure_samples = 8;    // instants averaged over the exposure; more is smoother and slower
-  double readout_s = 0.0;      // rolling shutter: first row to last row; 0 for a global shutter
+  double exposure_s = 0.0;   // motion blur; 0 for a flash
+  int exposure_samples = 8;  // instants averaged over the exposure; more is smoother and slower
+  double readout_s = 0.0;    // rolling shutter: first row to last row; 0 for a global shutter
 
   std::vector<Interval> blackouts;  // frames without light
   std::vector<Dimming> dimmings;

@@ -75,7 +75,9 @@ class VideoSink : public FrameSink {
 class ImageSink : public FrameSink {
  public:
   ImageSink(const fs::path& directory, const Simulation& simulation)
-      : simulation_(simulation), path_(directory / "frames"), partial_(directory / "frames.partial") {
+      : simulation_(simulation),
+        path_(directory / "frames"),
+        partial_(directory / "frames.partial") {
     std::error_code ignored;  // the first write() says what is wrong
     fs::create_directory(partial_, ignored);
   }
@@ -142,8 +144,7 @@ class Directory {
 };
 
 // Renders some frames at a time, side by side, and hands them on in order.
-Status writeFrames(const Simulation& simulation, const RecordingOptions& options,
-                   FrameSink* sink) {
+Status writeFrames(const Simulation& simulation, const RecordingOptions& options, FrameSink* sink) {
   const auto batch = static_cast<std::size_t>(std::max(1, options.threads));
   std::vector<Simulation::Workspace> workspaces(batch);
   std::vector<cv::Mat> images(batch);
@@ -151,8 +152,8 @@ Status writeFrames(const Simulation& simulation, const RecordingOptions& options
     image.create(simulation.camera().height, simulation.camera().width, CV_8U);
   }
   for (std::int64_t first = 0; first < simulation.frameCount();) {
-    const auto count = std::min<std::size_t>(
-        batch, static_cast<std::size_t>(simulation.frameCount() - first));
+    const auto count =
+        std::min<std::size_t>(batch, static_cast<std::size_t>(simulation.frameCount() - first));
     {
       std::vector<std::jthread> workers;
       for (std::size_t i = 0; i < count; ++i) {

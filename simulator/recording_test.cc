@@ -69,8 +69,7 @@ TEST_F(RecordingTest, ImagesKeepEveryPixelAndTheirTimes) {
   std::int64_t k = 0;
   for (; times >> name >> seconds; ++k) {
     EXPECT_NEAR(seconds, static_cast<double>(k) / 60.0, 1e-9);
-    const cv::Mat image =
-        cv::imread((directory_ / "frames" / name).string(), cv::IMREAD_UNCHANGED);
+    const cv::Mat image = cv::imread((directory_ / "frames" / name).string(), cv::IMREAD_UNCHANGED);
     EXPECT_EQ(cv::norm(image, rendered(k), cv::NORM_INF), 0.0) << name;
   }
   EXPECT_EQ(k, 6);
@@ -126,8 +125,7 @@ TEST_F(RecordingTest, TruthFilesSayWhatWasSimulated) {
 }
 
 TEST_F(RecordingTest, LeavesNothingBehindWhereItCannotWrite) {
-  const Status status =
-      record(*simulation_, {.directory = "/dev/null/recording", .progress = {}});
+  const Status status = record(*simulation_, {.directory = "/dev/null/recording", .progress = {}});
   ASSERT_FALSE(status.ok());
   EXPECT_NE(status.error().message.find("/dev/null/recording"), std::string::npos);
 }

@@ -34,7 +34,8 @@ struct SamplePattern {
 constexpr SamplePattern kPattern;
 
 std::array<Eigen::Vector3d, 4> corners(const slam::Transform& T_c_s, double half_x, double half_y) {
-  return {T_c_s * Eigen::Vector3d(-half_x, half_y, 0.0), T_c_s * Eigen::Vector3d(half_x, half_y, 0.0),
+  return {T_c_s * Eigen::Vector3d(-half_x, half_y, 0.0),
+          T_c_s * Eigen::Vector3d(half_x, half_y, 0.0),
           T_c_s * Eigen::Vector3d(half_x, -half_y, 0.0),
           T_c_s * Eigen::Vector3d(-half_x, -half_y, 0.0)};
 }
@@ -65,8 +66,8 @@ struct Box {
   int x_begin, x_end, y_begin, y_end;
 };
 
-// The pixels a marker's paper can touch. Neighbouring rays are needed for sampling, so the outermost
-// pixels of the table are left out.
+// The pixels a marker's paper can touch. Neighbouring rays are needed for sampling, so the
+// outermost pixels of the table are left out.
 Box boundingBox(const RowPoses& poses, const Marker& marker, double half_paper,
                 const slam::CameraModel& camera, const RayTable& rays) {
   const Box whole{1, rays.width() - 1, 1, rays.height() - 1};
@@ -251,8 +252,8 @@ void Renderer::renderSurfaceRow(int row, const slam::Transform& T_w_c,
     v[i] *= z;
   }
   for (std::size_t i = 0; i < width; ++i) {
-    out[i] = surface[i] < 0 ? kNothing
-                            : textures_[static_cast<std::size_t>(surface[i])].at(u[i], v[i]);
+    out[i] =
+        surface[i] < 0 ? kNothing : textures_[static_cast<std::size_t>(surface[i])].at(u[i], v[i]);
   }
 }
 

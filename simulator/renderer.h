@@ -56,8 +56,8 @@ class Renderer {
   [[nodiscard]] static Result<Renderer> create(const Scene& scene, std::uint64_t seed,
                                                int margin_px);
 
-  // Renders into workspace->radiance. The markers may be elsewhere than in the scene, but are of its
-  // dictionary.
+  // Renders into workspace->radiance. The markers may be elsewhere than in the scene, but are of
+  // its dictionary.
   void render(const RowPoses& poses, std::span<const Marker> markers, Workspace* workspace) const;
 
   [[nodiscard]] const RayTable& rays() const { return rays_; }

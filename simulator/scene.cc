@@ -18,21 +18,69 @@ constexpr ImageSize kQvga{320, 240};
 const std::vector<SceneKind>& kinds() {
   static const std::vector<SceneKind> all = {
       {{"walls", "a room of 6 x 5 m, 48 markers on the walls, once round"},
-       kVga, 60.0, 30.0, 0.123, 48, false, buildWalls},
+       kVga,
+       60.0,
+       30.0,
+       0.123,
+       48,
+       false,
+       buildWalls},
       {{"ceiling", "the same room, 48 markers on the ceiling, once round looking up"},
-       kVga, 60.0, 30.0, 0.123, 48, false, buildCeiling},
+       kVga,
+       60.0,
+       30.0,
+       0.123,
+       48,
+       false,
+       buildCeiling},
       {{"revisit", "once round the walls, back to the first view from 1.7 m farther away"},
-       kVga, 60.0, 30.0, 0.123, 48, false, buildRevisit},
+       kVga,
+       60.0,
+       30.0,
+       0.123,
+       48,
+       false,
+       buildRevisit},
       {{"spin", "nearly pure rotation in the middle of the room"},
-       k960p, 30.0, 30.0, 0.123, 48, false, buildSpin},
+       k960p,
+       30.0,
+       30.0,
+       0.123,
+       48,
+       false,
+       buildSpin},
       {{"lab", "two rooms of 7 x 7 m joined by a door, 90 markers"},
-       k1080p, 60.0, 208.0, 0.123, 90, false, buildLab},
+       k1080p,
+       60.0,
+       208.0,
+       0.123,
+       90,
+       false,
+       buildLab},
       {{"sheet", "a printed A4 sheet of 24 markers, along its border"},
-       k1080p, 30.0, 30.0, 0.032, 24, false, buildSheet},
+       k1080p,
+       30.0,
+       30.0,
+       0.032,
+       24,
+       false,
+       buildSheet},
       {{"box", "a box with markers on five sides, once round it"},
-       k960p, 30.0, 30.0, 0.06, 20, false, buildBox},
+       k960p,
+       30.0,
+       30.0,
+       0.06,
+       20,
+       false,
+       buildBox},
       {{"dolly", "along a wall with two markers 3.5 m apart, wide lens panned by 45 degrees"},
-       kQvga, 30.0, 20.0, 0.20, 2, true, buildDolly},
+       kQvga,
+       30.0,
+       20.0,
+       0.20,
+       2,
+       true,
+       buildDolly},
   };
   return all;
 }
@@ -76,15 +124,15 @@ Marker* findMarker(Scene* scene, int id) {
 }
 
 Status checkMarkers(const Options& options, Scene* scene) {
-  const std::string there_are = "the scene's ids are 0 to " +
-                                std::to_string(static_cast<int>(scene->markers.size()) - 1);
+  const std::string there_are =
+      "the scene's ids are 0 to " + std::to_string(static_cast<int>(scene->markers.size()) - 1);
   if (options.moved_marker && findMarker(scene, options.moved_marker->id) == nullptr) {
-    return Error{"no marker " + std::to_string(options.moved_marker->id) + " to move: " +
-                 there_are};
+    return Error{"no marker " + std::to_string(options.moved_marker->id) +
+                 " to move: " + there_are};
   }
   if (options.doubled_id && findMarker(scene, *options.doubled_id) == nullptr) {
-    return Error{"no marker " + std::to_string(*options.doubled_id) + " to print twice: " +
-                 there_are};
+    return Error{"no marker " + std::to_string(*options.doubled_id) +
+                 " to print twice: " + there_are};
   }
   return success();
 }
@@ -97,7 +145,8 @@ void doubleMarker(int id, Scene* scene) {
   std::max_element(scene->markers.begin(), scene->markers.end(),
                    [&](const Marker& a, const Marker& b) {
                      return (a.T_w_m.p - position).norm() < (b.T_w_m.p - position).norm();
-                   })->id = id;
+                   })
+      ->id = id;
   // Whoever looks an id up finds the original first.
   std::iter_swap(scene->markers.begin(), first);
 }
@@ -177,7 +226,8 @@ Surface roomFace(const RoomBox& room, RoomFace face) {
       return makeSurface({room.low.x(), middle.y(), middle.z()}, x, z, size.y(), size.z(), wall);
     case kCeiling:
       return makeSurface({middle.x(), middle.y(), room.high.z()}, -z, y, size.x(), size.y(), above);
-    case kFloor: break;
+    case kFloor:
+      break;
   }
   return makeSurface({middle.x(), middle.y(), room.low.z()}, z, y, size.x(), size.y(), below);
 }
@@ -194,9 +244,9 @@ void hangMarker(const Build& build, const Surface& surface, double x_m, double y
   const double tilt_x = random->uniform(-crookedness.tilt, crookedness.tilt);
   const double tilt_y = random->uniform(-crookedness.tilt, crookedness.tilt);
   constexpr double kPaperGap = 0.002;  // metres between paper and wall
-  const double lift =
-      kPaperGap + 0.5 * build.paperSide() *
-                      (std::sin(std::abs(tilt_x)) + std::sin(std::abs(tilt_y))) * 1.2;
+  const double lift = kPaperGap + 0.5 * build.paperSide() *
+                                      (std::sin(std::abs(tilt_x)) + std::sin(std::abs(tilt_y))) *
+                                      1.2;
   slam::Transform T_s_m;
   T_s_m.R = slam::expSo3({tilt_x, tilt_y, 0.0}) * slam::expSo3({0.0, 0.0, roll});
   T_s_m.p = {x_m, y_m, lift};

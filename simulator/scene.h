@@ -17,10 +17,10 @@ namespace waymark::simulator {
 
 // How a surface is painted; grey levels as they reach the sensor in full light.
 struct Paint {
-  double mean = 150.0;            // grey level
-  double contrast = 22.0;         // of the smooth noise, grey levels
-  double patches_per_m2 = 1.2;    // posters, papers, stains: the natural features
-  double patch_size_m = 0.25;     // their typical side
+  double mean = 150.0;          // grey level
+  double contrast = 22.0;       // of the smooth noise, grey levels
+  double patches_per_m2 = 1.2;  // posters, papers, stains: the natural features
+  double patch_size_m = 0.25;   // their typical side
   double noise_wavelength_m = 0.5;
   double texel_m = 0.005;
 };

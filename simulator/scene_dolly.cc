@@ -14,11 +14,14 @@ void buildDolly(const Build& build) {
   constexpr double kDistance = 0.9;  // of the dolly from the wall
   const RoomBox hall{{-4.0, -3.5, 0.0}, {6.5, 0.05, 2.6}};
   addRoom(hall, build.scene);
-  const Paint papers{.mean = 165.0, .contrast = 12.0, .patches_per_m2 = 9.0, .patch_size_m = 0.18,
-                     .noise_wavelength_m = 0.4, .texel_m = 0.003};
-  const Surface wall =
-      makeSurface({0.5 * kBetweenMarkers, 0.0, 1.3}, {0.0, -1.0, 0.0}, Eigen::Vector3d::UnitZ(),
-                  kWallLength, 2.6, papers);
+  const Paint papers{.mean = 165.0,
+                     .contrast = 12.0,
+                     .patches_per_m2 = 9.0,
+                     .patch_size_m = 0.18,
+                     .noise_wavelength_m = 0.4,
+                     .texel_m = 0.003};
+  const Surface wall = makeSurface({0.5 * kBetweenMarkers, 0.0, 1.3}, {0.0, -1.0, 0.0},
+                                   Eigen::Vector3d::UnitZ(), kWallLength, 2.6, papers);
   build.scene->surfaces.push_back(wall);
 
   Random random(build.seed, 0x444f);

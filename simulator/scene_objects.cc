@@ -18,8 +18,12 @@ const RoomBox kRoom{{-2.2, -2.0, -kTableHeight}, {2.2, 2.0, 2.6 - kTableHeight}}
 
 void addTable(Scene* scene) {
   addRoom(kRoom, scene);
-  const Paint wood{.mean = 118.0, .contrast = 26.0, .patches_per_m2 = 14.0, .patch_size_m = 0.07,
-                   .noise_wavelength_m = 0.1, .texel_m = 0.001};
+  const Paint wood{.mean = 118.0,
+                   .contrast = 26.0,
+                   .patches_per_m2 = 14.0,
+                   .patch_size_m = 0.07,
+                   .noise_wavelength_m = 0.1,
+                   .texel_m = 0.001};
   scene->surfaces.push_back(
       makeSurface(Vector3d::Zero(), Vector3d::UnitZ(), Vector3d::UnitY(), 1.6, 1.2, wood));
 }
@@ -48,9 +52,9 @@ void buildSheet(const Build& build) {
 
   // Along the border, leaning in from outside: the camera looks at the border from 0.22 m.
   std::vector<Vector4d> knots;
-  const double stops[][3] = {{0.07, 0.0, 0},    {0.07, 0.07, 20},   {0.065, 0.12, 55},
-                             {0.0, 0.125, 90},  {-0.065, 0.12, 125}, {-0.07, 0.07, 160},
-                             {-0.07, 0.0, 180}, {-0.07, -0.07, 200}, {-0.065, -0.12, 235},
+  const double stops[][3] = {{0.07, 0.0, 0},     {0.07, 0.07, 20},    {0.065, 0.12, 55},
+                             {0.0, 0.125, 90},   {-0.065, 0.12, 125}, {-0.07, 0.07, 160},
+                             {-0.07, 0.0, 180},  {-0.07, -0.07, 200}, {-0.065, -0.12, 235},
                              {0.0, -0.125, 270}, {0.065, -0.12, 305}, {0.07, -0.07, 340}};
   for (const auto& s : stops) knots.emplace_back(s[0], s[1], s[2] * kTwoPi / 360.0, 0.0);
   const ClosedSpline border(knots, Vector4d(0.0, 0.0, kTwoPi, 0.0));
@@ -69,13 +73,17 @@ void buildSheet(const Build& build) {
 void buildBox(const Build& build) {
   addTable(build.scene);
   const Vector3d half(0.16, 0.13, 0.12);  // metres
-  const Paint cardboard{.mean = 140.0, .contrast = 12.0, .patches_per_m2 = 20.0,
-                        .patch_size_m = 0.03, .noise_wavelength_m = 0.08, .texel_m = 0.001};
+  const Paint cardboard{.mean = 140.0,
+                        .contrast = 12.0,
+                        .patches_per_m2 = 20.0,
+                        .patch_size_m = 0.03,
+                        .noise_wavelength_m = 0.08,
+                        .texel_m = 0.001};
   const Vector3d middle(0.0, 0.0, half.z());
   const Vector3d z = Vector3d::UnitZ();
   std::vector<Surface> sides;
-  for (const Vector3d& normal : {Vector3d(0, -1, 0), Vector3d(1, 0, 0), Vector3d(0, 1, 0),
-                                 Vector3d(-1, 0, 0)}) {
+  for (const Vector3d& normal :
+       {Vector3d(0, -1, 0), Vector3d(1, 0, 0), Vector3d(0, 1, 0), Vector3d(-1, 0, 0)}) {
     const double width = normal.x() == 0.0 ? 2.0 * half.x() : 2.0 * half.y();
     sides.push_back(makeSurface(middle + half.cwiseProduct(normal), normal, z, width,
                                 2.0 * half.z(), cardboard));

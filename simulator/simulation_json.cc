@@ -7,23 +7,22 @@ namespace waymark::simulator {
 std::string optionsText(const Simulation& simulation) {
   const Options& o = simulation.options();
   const Scene& scene = simulation.scene();
-  nlohmann::ordered_json json = {
-      {"scene", scene.name},
-      {"seed", o.seed},
-      {"width", scene.camera.width},
-      {"height", scene.camera.height},
-      {"rate_hz", scene.rate_hz},
-      {"duration_s", scene.duration_s},
-      {"frames", simulation.frameCount()},
-      {"dictionary", scene.dictionary.name()},
-      {"marker_size_m", scene.markers.front().size_m},
-      {"markers", scene.markers.size()},
-      {"psf_sigma_px", o.psf_sigma_px},
-      {"noise_sigma", o.noise_sigma},
-      {"vignetting", o.vignetting},
-      {"exposure_s", o.exposure_s},
-      {"exposure_samples", o.exposure_samples},
-      {"readout_s", o.readout_s}};
+  nlohmann::ordered_json json = {{"scene", scene.name},
+                                 {"seed", o.seed},
+                                 {"width", scene.camera.width},
+                                 {"height", scene.camera.height},
+                                 {"rate_hz", scene.rate_hz},
+                                 {"duration_s", scene.duration_s},
+                                 {"frames", simulation.frameCount()},
+                                 {"dictionary", scene.dictionary.name()},
+                                 {"marker_size_m", scene.markers.front().size_m},
+                                 {"markers", scene.markers.size()},
+                                 {"psf_sigma_px", o.psf_sigma_px},
+                                 {"noise_sigma", o.noise_sigma},
+                                 {"vignetting", o.vignetting},
+                                 {"exposure_s", o.exposure_s},
+                                 {"exposure_samples", o.exposure_samples},
+                                 {"readout_s", o.readout_s}};
   json["blackouts"] = nlohmann::json::array();
   for (const Interval& blackout : o.blackouts) {
     json["blackouts"].push_back({{"begin_s", blackout.begin_s}, {"end_s", blackout.end_s}});

@@ -286,8 +286,8 @@ TEST(SimulatedSource, HandsOutEveryFrameWithItsTime) {
     EXPECT_EQ((*frame)->stamp().monotonic_ns, std::llround(static_cast<double>(k) * 1e9 / 60.0));
     EXPECT_EQ((*frame)->image().width, 640);
   }
-  EXPECT_TRUE(std::holds_alternative<capture::EndOfStream>(
-      (*source)->read(std::chrono::milliseconds(0))));
+  EXPECT_TRUE(
+      std::holds_alternative<capture::EndOfStream>((*source)->read(std::chrono::milliseconds(0))));
   EXPECT_EQ((*source)->counters().frames, 3U);
 }
 

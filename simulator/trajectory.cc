@@ -17,7 +17,8 @@ slam::Transform cameraPose(const View& view) {
   const Eigen::Vector3d forward(cp * cy, cp * sy, sp);
   const Eigen::Vector3d level_right(sy, -cy, 0.0);
   const Eigen::Vector3d level_down = forward.cross(level_right);
-  const Eigen::Vector3d right = std::cos(view.roll) * level_right + std::sin(view.roll) * level_down;
+  const Eigen::Vector3d right =
+      std::cos(view.roll) * level_right + std::sin(view.roll) * level_down;
 
   slam::Transform T_w_c;
   T_w_c.R << right, forward.cross(right), forward;
@@ -76,7 +77,8 @@ Eigen::Vector4d ClosedSpline::at(double progress) const {
   const double u2 = u * u;
   const double u3 = u2 * u;
   return ((1.0 - 3.0 * u + 3.0 * u2 - u3) * knot(i - 1) + (4.0 - 6.0 * u2 + 3.0 * u3) * knot(i) +
-          (1.0 + 3.0 * u + 3.0 * u2 - 3.0 * u3) * knot(i + 1) + u3 * knot(i + 2)) / 6.0;
+          (1.0 + 3.0 * u + 3.0 * u2 - 3.0 * u3) * knot(i + 1) + u3 * knot(i + 2)) /
+         6.0;
 }
 
 }  // namespace waymark::simulator

@@ -35,7 +35,7 @@ class Sway {
  public:
   struct Amplitudes {
     double position_m = 0.03;
-    double yaw = 0.06;    // radians, as the next two
+    double yaw = 0.06;  // radians, as the next two
     double pitch = 0.06;
     double roll = 0.05;
   };

@@ -37,8 +37,8 @@ std::string calibrationText(const slam::Calibration& c) {
 std::string mapText(const Simulation& simulation) {
   std::string text = "{\"note\": \"simulated " + simulation.scene().name +
                      ": exact corners (TL TR BR BL), metres, in the frame of gt_traj.txt\",\n"
-                     " \"dictionary\": \"" + simulation.scene().dictionary.name() +
-                     "\",\n \"markers\": [";
+                     " \"dictionary\": \"" +
+                     simulation.scene().dictionary.name() + "\",\n \"markers\": [";
   std::set<int> listed;
   for (const Marker& marker : simulation.markers()) {
     if (!listed.insert(marker.id).second) continue;

@@ -1,9 +1,8 @@
 #include "tools/simulate_command.h"
 
-#include <unistd.h>
-
 #include <algorithm>
 #include <charconv>
+#include <cmath>
 #include <cstdio>
 #include <functional>
 #include <memory>
@@ -14,6 +13,7 @@
 #include <vector>
 
 #include <CLI/CLI.hpp>
+#include <unistd.h>
 
 #include "simulator/recording.h"
 #include "simulator/simulation.h"
@@ -36,7 +36,8 @@ struct Arguments {
   std::string moved;
 };
 
-// "1:2.5:3" to its numbers; separators are ':', ',' and 'x'. Empty unless there are exactly `count`.
+// "1:2.5:3" to its numbers; separators are ':', ',' and 'x'. Empty unless there are exactly
+// `count`.
 std::optional<std::vector<double>> numbers(std::string_view text, std::size_t count) {
   std::vector<double> values;
   while (values.size() < count) {
@@ -54,6 +55,13 @@ std::optional<std::vector<double>> numbers(std::string_view text, std::size_t co
   return values;
 }
 
+// The number as an int, where it is one.
+std::optional<int> whole(double value) {
+  constexpr double kLargest = 1e9;
+  if (!(std::abs(value) <= kLargest) || value != std::floor(value)) return std::nullopt;
+  return static_cast<int>(value);
+}
+
 Error malformed(const char* option, const std::string& text, const char* form) {
   return Error{std::string(option) + ": '" + text + "' is not of the form " + form};
 }
@@ -62,8 +70,10 @@ Error malformed(const char* option, const std::string& text, const char* form) {
 Status parseCompound(Arguments* a) {
   if (!a->size.empty()) {
     const auto v = numbers(a->size, 2);
-    if (!v) return malformed("--size", a->size, "WIDTHxHEIGHT");
-    a->options.size = {static_cast<int>((*v)[0]), static_cast<int>((*v)[1])};
+    const auto width = v ? whole((*v)[0]) : std::nullopt;
+    const auto height = v ? whole((*v)[1]) : std::nullopt;
+    if (!width || !height) return malformed("--size", a->size, "WIDTHxHEIGHT");
+    a->options.size = {*width, *height};
   }
   for (const std::string& text : a->blackouts) {
     const auto v = numbers(text, 2);
@@ -77,9 +87,10 @@ Status parseCompound(Arguments* a) {
   }
   if (!a->moved.empty()) {
     const auto v = numbers(a->moved, 5);
-    if (!v) return malformed("--move", a->moved, "ID:TIME:X,Y,Z");
-    a->options.moved_marker = simulator::MovedMarker{
-        static_cast<int>((*v)[0]), (*v)[1], Eigen::Vector3d((*v)[2], (*v)[3], (*v)[4])};
+    const auto id = v ? whole((*v)[0]) : std::nullopt;
+    if (!id) return malformed("--move", a->moved, "ID:TIME:X,Y,Z");
+    a->options.moved_marker =
+        simulator::MovedMarker{*id, (*v)[1], Eigen::Vector3d((*v)[2], (*v)[3], (*v)[4])};
   }
   return success();
 }
@@ -98,8 +109,7 @@ std::function<void(std::int64_t)> progressBar(const Arguments& a, std::int64_t t
 
 Status simulate(Arguments* a) {
   if (Status status = parseCompound(a); !status) return status;
-  const auto simulation =
-      simulator::Simulation::create(a->options, simulator::Ending::kOfTheScene);
+  const auto simulation = simulator::Simulation::create(a->options, simulator::Ending::kOfTheScene);
   if (!simulation) return simulation.error();
   a->recording.directory = a->out;
   a->recording.threads = static_cast<int>(std::max(1U, std::thread::hardware_concurrency()));
