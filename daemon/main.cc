@@ -1,17 +1,18 @@
 // waymarkd: camera in, poses out. This file is the wiring diagram:
 //
-//   capture thread --> [newest wins] --> SLAM thread --> [records, map] --> publisher thread --> LCM
+//   capture thread --> [newest wins] --> SLAM thread --> [records, map] --> publisher thread -->
+//   LCM
 //
 // The main thread only waits. A stop travels the same way as a frame: capture closes its queue, the
 // SLAM loop empties it, the publisher sends what is left.
-#include <pthread.h>
-
 #include <cstdio>
 #include <cstdlib>
 #include <string>
 #include <thread>
 
 #include <CLI/CLI.hpp>
+#include <opencv2/core/utility.hpp>
+#include <pthread.h>
 
 #include "daemon/camera_setup.h"
 #include "daemon/capture_loop.h"
@@ -42,7 +43,8 @@ SlamLoop::Options slamLoopOptions(double rate_hz) {
 }
 
 int runDaemon(const Configuration& configuration, const CameraSetup& camera, const Log& log) {
-  StopSignal stop;  // first: threads inherit what it blocks
+  StopSignal stop;       // first: threads inherit what it blocks
+  cv::setNumThreads(1);  // the SLAM loop is one thread, and it does not wait for others
   CameraStatus camera_status;
   FrameQueue frames(static_cast<std::size_t>(configuration.queue.depth));
   slam::Slam slam(slam::CameraModel(camera.calibration),

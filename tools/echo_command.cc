@@ -9,14 +9,13 @@
 #include <CLI/CLI.hpp>
 #include <lcm/lcm.h>
 
-#include <waymark/pose_t.hpp>
-
 #include "daemon/clock.h"
 #include "daemon/configuration.h"
 #include "daemon/lcm_link.h"
 #include "daemon/stop_signal.h"
 #include "tools/exit_code.h"
 #include "tools/pose_stream.h"
+#include <waymark/pose_t.hpp>
 
 namespace waymark::tools {
 namespace {
@@ -48,9 +47,9 @@ const char* statusWord(std::int8_t status) {
 
 void printTum(const pose_t& m) {
   if (m.source == pose_t::SOURCE_NONE) return;
-  std::printf("%" PRId64 ".%06" PRId64 " %.9f %.9f %.9f %.9f %.9f %.9f %.9f\n",
-              m.utime / 1'000'000, m.utime % 1'000'000, m.p_w_c[0], m.p_w_c[1], m.p_w_c[2],
-              m.q_w_c[1], m.q_w_c[2], m.q_w_c[3], m.q_w_c[0]);
+  std::printf("%" PRId64 ".%06" PRId64 " %.9f %.9f %.9f %.9f %.9f %.9f %.9f\n", m.utime / 1'000'000,
+              m.utime % 1'000'000, m.p_w_c[0], m.p_w_c[1], m.p_w_c[2], m.q_w_c[1], m.q_w_c[2],
+              m.q_w_c[3], m.q_w_c[0]);
 }
 
 void printLine(const pose_t& m) {

@@ -10,6 +10,7 @@
 #include "tools/eval_command.h"
 #include "tools/exit_code.h"
 #include "tools/run_command.h"
+#include "tools/simulate_command.h"
 
 int main(int argc, char** argv) {
   using namespace waymark::tools;
@@ -20,6 +21,7 @@ int main(int argc, char** argv) {
   addRunCommand(app, &exit_code);
   addEvalCommand(app, &exit_code);
   addEchoCommand(app, &exit_code);
+  addSimulateCommand(app, &exit_code);
 
   try {
     app.parse(argc, argv);

@@ -48,8 +48,8 @@ std::string PoseStream::summary(const std::string& prefix) const {
                 count(localized_).c_str(), count(frames_).c_str(),
                 frames_ > 0 ? 100.0 * static_cast<double>(localized_) / frames : 0.0);
 
-  std::string text = prefix + "messages: " + count(messages_) + ", missing frames: " +
-                     count(missing_) + ", restarts: " + count(restarts_) +
+  std::string text = prefix + "messages: " + count(messages_) +
+                     ", missing frames: " + count(missing_) + ", restarts: " + count(restarts_) +
                      ", malformed: " + count(malformed_) + "\n";
   text += prefix + share + prefix + rate;
   text += prefix + latencyLine("capture to publication", publish_latency_ns_);

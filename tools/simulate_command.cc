@@ -17,12 +17,10 @@
 
 #include "simulator/recording.h"
 #include "simulator/simulation.h"
+#include "tools/exit_code.h"
 
 namespace waymark::tools {
 namespace {
-
-constexpr int kSimulated = 0;
-constexpr int kRefused = 2;  // bad usage or bad input
 
 struct Arguments {
   simulator::Options options;
@@ -163,7 +161,7 @@ void addSimulateCommand(CLI::App& app, int* exit_code) {
   command->callback([arguments, exit_code] {
     const Status status = simulate(arguments.get());
     if (!status) std::fprintf(stderr, "waymark: %s\n", status.error().message.c_str());
-    *exit_code = status ? kSimulated : kRefused;
+    *exit_code = status ? kDone : kBadInput;
   });
 }
 
