@@ -88,7 +88,7 @@ class Slam::Impl {
                                                      const Transform& guess) const {
     const std::vector<KnownMarker> known = knownMarkers(detections);
     const auto solution = optimiser_.optimise(observationsOf(known), guess);
-    if (!solution || !acceptable(*solution)) return std::nullopt;
+    if (!solution || !optimiser_.acceptable(*solution)) return std::nullopt;
     return estimateOf(*solution, known);
   }
 
@@ -140,7 +140,7 @@ class Slam::Impl {
     std::optional<PoseSolution> solution;
     if (const auto predicted = motion_.predict(time.monotonic_ns)) {
       solution = optimiser_.optimise(observationsOf(known), *predicted);
-      if (solution && !acceptable(*solution)) {
+      if (solution && !optimiser_.acceptable(*solution)) {
         ++counters_.rejected_poses;
         solution.reset();
       }
@@ -148,7 +148,7 @@ class Slam::Impl {
     if (!solution) {
       auto relocalisation =
           relocalise(known, optimiser_, camera_.focalLength(), options_.relocalisation);
-      if (!relocalisation || !acceptable(relocalisation->solution)) {
+      if (!relocalisation || !optimiser_.acceptable(relocalisation->solution)) {
         result.reason = known.size() == 1 ? "the only known marker in view is ambiguous"
                                           : "the markers in view do not fit the map";
         return result;
@@ -251,11 +251,6 @@ class Slam::Impl {
     observations.reserve(known.size());
     for (const KnownMarker& marker : known) observations.push_back(marker.observation);
     return observations;
-  }
-
-  [[nodiscard]] bool acceptable(const PoseSolution& solution) const {
-    return solution.rms_px <= options_.tracking.worst_rms_px &&
-           2 * solution.inliers >= static_cast<int>(solution.inlier.size());
   }
 
   [[nodiscard]] PoseEstimate estimateOf(const PoseSolution& solution,

@@ -20,8 +20,8 @@ enum class DistortionModel {
 };
 
 struct Calibration {
-  int width = 0;   // pixels
-  int height = 0;  // pixels
+  int width = 0;                                  // pixels
+  int height = 0;                                 // pixels
   double fx = 0.0, fy = 0.0, cx = 0.0, cy = 0.0;  // pixels
   DistortionModel model = DistortionModel::kRational;
   std::array<double, 8> distortion{};

@@ -47,9 +47,7 @@ struct Transform {
   Eigen::Matrix3d R = Eigen::Matrix3d::Identity();
   Eigen::Vector3d p = Eigen::Vector3d::Zero();  // metres
 
-  [[nodiscard]] Transform inverse() const {
-    return {R.transpose(), -(R.transpose() * p)};
-  }
+  [[nodiscard]] Transform inverse() const { return {R.transpose(), -(R.transpose() * p)}; }
   [[nodiscard]] Transform operator*(const Transform& o) const { return {R * o.R, R * o.p + p}; }
   [[nodiscard]] Eigen::Vector3d operator*(const Eigen::Vector3d& x) const { return R * x + p; }
   [[nodiscard]] Eigen::Quaterniond quaternion() const {

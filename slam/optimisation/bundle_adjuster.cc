@@ -8,15 +8,12 @@
 #include <Eigen/Cholesky>
 
 #include "slam/geometry/reprojection.h"
+#include "slam/geometry/robust.h"
 
 namespace waymark::slam {
 namespace {
 
 using Poses = std::vector<BundleProblem::Pose>;
-
-double huberCost(double squared, double k) {
-  return squared <= k * k ? squared : 2.0 * k * std::sqrt(squared) - k * k;
-}
 
 // The normal equations in blocks: one 6x6 per camera, per marker, and per observation between them.
 struct BlockSystem {
@@ -49,7 +46,7 @@ bool linearise(const BundleProblem& problem, double huber, BlockSystem* system) 
       const Eigen::Vector2d r = W * (projection.normalised - observation.detection->normalised[k]);
       const double squared = r.squaredNorm();
       system->cost += huberCost(squared, huber);
-      const double weight = squared <= huber * huber ? 1.0 : huber / std::sqrt(squared);
+      const double weight = huberWeight(squared, huber);
       const Matrix26d J_c = W * cameraJacobian(T_w_c, p, projection.J_point);
       const Matrix26d J_m = W * markerJacobian(T_w_m, p, projection.J_point);
       const Matrix26d wJ_c = weight * J_c;
@@ -173,31 +170,44 @@ void movePoses(const Poses& from, const std::vector<Vector6d>& step, Poses* to) 
   }
 }
 
-}  // namespace
-
-double bundleCost(const BundleProblem& problem, const BundleOptions& options) {
-  double cost = 0.0;
+// Calls `use` with the squared whitened residual norm of every corner. False when one is behind its
+// camera.
+template <typename Use>
+bool forEachError(const BundleProblem& problem, const Use& use) {
   for (const auto& observation : problem.observations) {
     const auto m = static_cast<std::size_t>(observation.marker);
     const Transform& T_w_c = problem.cameras[static_cast<std::size_t>(observation.camera)].T;
     const auto corners = markerCorners(problem.marker_sizes_m[m]);
     for (std::size_t k = 0; k < 4; ++k) {
       Projection projection;
-      if (!projectPoint(T_w_c, problem.markers[m].T * corners[k], &projection)) {
-        return std::numeric_limits<double>::infinity();
-      }
+      if (!projectPoint(T_w_c, problem.markers[m].T * corners[k], &projection)) return false;
       const Eigen::Matrix2d W = whitening(observation.detection->covariance[k]);
-      cost += huberCost(
-          (W * (projection.normalised - observation.detection->normalised[k])).squaredNorm(),
-          options.huber);
+      use((W * (projection.normalised - observation.detection->normalised[k])).squaredNorm());
     }
   }
-  return cost;
+  return true;
 }
 
-BundleSummary adjustBundle(BundleProblem* problem, const BundleOptions& options) {
+}  // namespace
+
+double bundleCost(const BundleProblem& problem, const BundleOptions& options) {
+  double cost = 0.0;
+  const bool seen =
+      forEachError(problem, [&](double squared) { cost += huberCost(squared, options.huber); });
+  return seen ? cost : std::numeric_limits<double>::infinity();
+}
+
+BundleSummary adjustBundle(BundleProblem* problem, const BundleOptions& asked) {
   constexpr double kHopeless = 1e10;
+  BundleOptions options = asked;
   BundleSummary summary;
+  if (options.estimate_noise) {
+    std::vector<double> squared;
+    squared.reserve(4 * problem->observations.size());
+    if (forEachError(*problem, [&](double s) { squared.push_back(s); })) {
+      options.huber *= noiseScale(squared);
+    }
+  }
   BlockSystem system;
   if (!linearise(*problem, options.huber, &system)) {
     summary.initial_cost = summary.final_cost = std::numeric_limits<double>::infinity();

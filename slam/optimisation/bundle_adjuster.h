@@ -17,8 +17,11 @@ struct BundleOptions {
   int max_iterations = 10;
   // Stop when an iteration lowers the cost by less than this share of it.
   double min_relative_decrease = 1e-4;
-  // Huber's threshold on a corner's whitened residual norm, without unit.
+  // Huber's threshold on a corner's whitened residual norm, in units of the noise.
   double huber = 2.45;
+  // Take the noise from the residuals at the start (their median), where it exceeds what the
+  // corners' covariances say; else from the covariances alone.
+  bool estimate_noise = true;
 };
 
 struct BundleProblem {

@@ -53,7 +53,8 @@ struct Scenario {
   BundleProblem problem;
 };
 
-const BundleOptions kToTheEnd{.max_iterations = 100, .min_relative_decrease = 1e-10};
+const BundleOptions kToTheEnd{
+    .max_iterations = 100, .min_relative_decrease = 1e-10, .estimate_noise = false};
 
 TEST(BundleAdjuster, ExactCornersGiveTheExactMap) {
   for (const int cameras : {6, 20}) {  // fewer and more than the 12 markers: both eliminations
@@ -145,6 +146,31 @@ TEST(BundleAdjuster, OutliersDoNotMoveTheMap) {
   for (std::size_t m = 0; m < s.true_markers.size(); ++m) {
     EXPECT_LT((s.problem.markers[m].T.p - s.true_markers[m].p).norm(), 0.01);
   }
+}
+
+// Where the corners are worse than their covariances say, the kernel must widen with them, or all
+// of them count as outliers.
+TEST(BundleAdjuster, WidensItsKernelToTheNoise) {
+  const auto rmsAfter = [](bool estimate) {
+    double squared = 0.0;
+    int count = 0;
+    for (const int seed : {11, 12, 13}) {
+      Scenario s(seed, 0.5);
+      for (auto& detection : s.detections) {
+        for (auto& covariance : detection.covariance) covariance *= 1.0 / 400.0;
+      }
+      BundleOptions options = kToTheEnd;
+      options.estimate_noise = estimate;
+      (void)adjustBundle(&s.problem, options);
+      if (estimate) (void)adjustBundle(&s.problem, options);  // from the right residuals
+      for (std::size_t m = 0; m < s.true_markers.size(); ++m) {
+        squared += (s.problem.markers[m].T.p - s.true_markers[m].p).squaredNorm();
+        ++count;
+      }
+    }
+    return std::sqrt(squared / count);
+  };
+  EXPECT_LT(rmsAfter(true), rmsAfter(false));
 }
 
 TEST(BundleAdjuster, DegenerateProblemsDoNoHarm) {

@@ -7,6 +7,7 @@
 #include <Eigen/LU>
 
 #include "slam/geometry/reprojection.h"
+#include "slam/geometry/robust.h"
 
 namespace waymark::slam {
 
@@ -18,14 +19,6 @@ struct PoseOptimiser::Normal {
 };
 
 namespace {
-
-double huberCost(double squared, double k) {
-  return squared <= k * k ? squared : 2.0 * k * std::sqrt(squared) - k * k;
-}
-
-double huberWeight(double squared, double k) {
-  return squared <= k * k ? 1.0 : k / std::sqrt(squared);
-}
 
 // Adds every used corner to the normal equations. False when a used marker is behind the camera.
 template <typename NormalT>
@@ -51,10 +44,27 @@ bool accumulate(std::span<const PoseObservation> observations, const std::vector
   return true;
 }
 
-double median(std::vector<double> values) {
-  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-  std::nth_element(values.begin(), middle, values.end());
-  return *middle;
+// Squared whitened residual norm of every corner. False when one is behind the camera.
+bool cornerErrors(std::span<const PoseObservation> observations, const Transform& T_w_c,
+                  std::vector<double>* squared) {
+  for (const PoseObservation& observation : observations) {
+    for (std::size_t k = 0; k < 4; ++k) {
+      Projection projection;
+      if (!projectPoint(T_w_c, observation.corners_w[k], &projection)) return false;
+      const Eigen::Matrix2d W = whitening(observation.detection->covariance[k]);
+      squared->push_back(
+          (W * (projection.normalised - observation.detection->normalised[k])).squaredNorm());
+    }
+  }
+  return true;
+}
+
+double sidePx(const MarkerDetection& detection) {
+  double perimeter = 0.0;
+  for (std::size_t k = 0; k < 4; ++k) {
+    perimeter += (detection.pixels[(k + 1) % 4] - detection.pixels[k]).norm();
+  }
+  return 0.25 * perimeter;
 }
 
 }  // namespace
@@ -74,13 +84,30 @@ std::optional<double> PoseOptimiser::markerChi2(const PoseObservation& observati
   return chi2;
 }
 
+double PoseOptimiser::rmsPx(const PoseObservation& observation, const Transform& T_w_c) const {
+  double squared = 0.0;
+  for (std::size_t k = 0; k < 4; ++k) {
+    Projection projection;
+    if (!projectPoint(T_w_c, observation.corners_w[k], &projection)) return 1e9;  // never an inlier
+    squared += (projection.normalised - observation.detection->normalised[k]).squaredNorm();
+  }
+  return focal_px_ * std::sqrt(0.25 * squared);
+}
+
+bool PoseOptimiser::acceptable(const PoseSolution& solution) const {
+  const double worst =
+      std::max(options_.worst_rms_px, options_.worst_rms_per_side * solution.mean_side_px);
+  return solution.rms_px <= worst &&
+         2 * solution.inliers >= static_cast<int>(solution.inlier.size());
+}
+
 std::optional<Transform> PoseOptimiser::minimise(std::span<const PoseObservation> observations,
-                                                 const std::vector<bool>& use,
+                                                 const std::vector<bool>& use, double huber,
                                                  Transform T_w_c) const {
   constexpr double kConverged = 1e-8;  // relative fall of the cost
   constexpr double kHopeless = 1e8;
   Normal now;
-  if (!accumulate(observations, use, T_w_c, options_.huber, &now)) return std::nullopt;
+  if (!accumulate(observations, use, T_w_c, huber, &now)) return std::nullopt;
   double lambda = 1e-4;
   for (int iteration = 0; iteration < options_.max_iterations && lambda < kHopeless; ++iteration) {
     Matrix6d damped = now.H;
@@ -89,7 +116,7 @@ std::optional<Transform> PoseOptimiser::minimise(std::span<const PoseObservation
     if (!step.allFinite()) return std::nullopt;
     const Transform candidate = T_w_c.retract(step);
     Normal next;
-    if (accumulate(observations, use, candidate, options_.huber, &next) && next.cost <= now.cost) {
+    if (accumulate(observations, use, candidate, huber, &next) && next.cost <= now.cost) {
       const bool converged = now.cost - next.cost <= kConverged * now.cost;
       T_w_c = candidate;
       now = next;
@@ -107,52 +134,52 @@ std::optional<PoseSolution> PoseOptimiser::optimise(std::span<const PoseObservat
   if (observations.empty()) return std::nullopt;
   PoseSolution solution;
   solution.inlier.assign(observations.size(), true);
-  std::optional<Transform> pose = minimise(observations, solution.inlier, guess);
+  std::optional<Transform> pose = minimise(observations, solution.inlier, options_.huber, guess);
   if (!pose) return std::nullopt;
 
-  // Gate each marker against the frame's own noise level, then solve again with those that fit.
-  std::vector<double> chi2(observations.size());
-  for (std::size_t i = 0; i < observations.size(); ++i) {
-    const auto value = markerChi2(observations[i], *pose);
-    if (!value) return std::nullopt;
-    chi2[i] = *value;
-  }
-  constexpr double kMedianOfChi2With8 = 7.34;
+  // The frame's own noise, for the kernel and for the gate.
+  std::vector<double> corner_errors;
+  corner_errors.reserve(4 * observations.size());
+  if (!cornerErrors(observations, *pose, &corner_errors)) return std::nullopt;
+  const double noise = noiseScale(corner_errors);
+  bool changed = noise > 1.0;
   if (observations.size() >= 3) {
-    const double scale = std::max(1.0, median(chi2) / kMedianOfChi2With8);
-    bool changed = false;
     for (std::size_t i = 0; i < observations.size(); ++i) {
-      solution.inlier[i] = chi2[i] <= options_.marker_chi2 * scale;
+      const double chi2 = *markerChi2(observations[i], *pose);
+      solution.inlier[i] = chi2 <= options_.marker_chi2 * noise * noise ||
+                           rmsPx(observations[i], *pose) <= options_.inlier_rms_px;
       changed = changed || !solution.inlier[i];
     }
-    if (changed) {
-      pose = minimise(observations, solution.inlier, *pose);
-      if (!pose) return std::nullopt;
-    }
+  }
+  // Without a majority nobody can say who is wrong: all stay, and the residuals tell the rest.
+  if (2 * std::count(solution.inlier.begin(), solution.inlier.end(), true) <
+      static_cast<std::ptrdiff_t>(observations.size())) {
+    solution.inlier.assign(observations.size(), true);
+  }
+  if (changed) {
+    pose = minimise(observations, solution.inlier, noise * options_.huber, *pose);
+    if (!pose) return std::nullopt;
   }
 
   Normal normal;
-  if (!accumulate(observations, solution.inlier, *pose, options_.huber, &normal)) {
+  if (!accumulate(observations, solution.inlier, *pose, noise * options_.huber, &normal)) {
     return std::nullopt;
   }
   const Eigen::LDLT<Matrix6d> factor(normal.H);
   if (factor.info() != Eigen::Success || !factor.isPositive()) return std::nullopt;
   solution.T_w_c = *pose;
-
   double squared_px = 0.0;
   for (std::size_t i = 0; i < observations.size(); ++i) {
     if (!solution.inlier[i]) continue;
     ++solution.inliers;
     solution.chi2 += *markerChi2(observations[i], *pose);
-    for (std::size_t k = 0; k < 4; ++k) {
-      Projection projection;
-      (void)projectPoint(*pose, observations[i].corners_w[k], &projection);
-      squared_px +=
-          (projection.normalised - observations[i].detection->normalised[k]).squaredNorm();
-    }
+    const double rms = rmsPx(observations[i], *pose);
+    squared_px += rms * rms;
+    solution.mean_side_px += sidePx(*observations[i].detection);
   }
   if (solution.inliers == 0) return std::nullopt;
-  solution.rms_px = focal_px_ * std::sqrt(squared_px / (4.0 * solution.inliers));
+  solution.rms_px = std::sqrt(squared_px / solution.inliers);
+  solution.mean_side_px /= solution.inliers;
   const double degrees_of_freedom = 8.0 * solution.inliers - 6.0;
   const double scale = std::max(1.0, solution.chi2 / degrees_of_freedom);
   solution.covariance = scale * factor.solve(Matrix6d::Identity());

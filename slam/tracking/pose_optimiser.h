@@ -12,15 +12,20 @@ namespace waymark::slam {
 
 struct PoseOptimiserOptions {
   int max_iterations = 20;
-  // Huber's threshold on a corner's whitened residual norm, without unit; 2.45 keeps 95 % of
-  // Gaussian corners quadratic.
+  // Huber's threshold on a corner's whitened residual norm, in units of the frame's own noise; 2.45
+  // keeps 95 % of Gaussian corners quadratic.
   double huber = 2.45;
-  // A marker whose chi-square (8 residuals) exceeds this, after scaling by the frame's own median,
-  // is left out: 26.1 is the 99.9 % quantile. Smaller rejects more good markers, larger lets a
-  // moved one pull.
+  // A marker whose chi-square (8 residuals, in units of the frame's own noise) exceeds this is left
+  // out: 26.1 is the 99.9 % quantile. Smaller rejects more good markers, larger lets a moved one
+  // pull. Needs three markers: two that disagree cannot be told apart.
   double marker_chi2 = 26.1;
-  // Two markers disagreeing cannot be told apart by a median; both are kept up to this RMS, pixels.
+  // A marker that fits this well is never left out, pixels: below it the lens model and the paper
+  // speak, not the marker.
+  double inlier_rms_px = 0.35;
+  // A pose is refused when its residuals' RMS exceeds both of these: pixels, and a share of the
+  // markers' mean side in the image (close by, a bent sheet is many pixels off).
   double worst_rms_px = 3.0;
+  double worst_rms_per_side = 0.06;
 };
 
 // One detected marker that the map knows.
@@ -34,10 +39,11 @@ struct PoseSolution {
   // Of (dp, dtheta) in the world frame, scaled up where the residuals exceed the corner
   // covariances.
   Matrix6d covariance = Matrix6d::Zero();
-  double chi2 = 0.0;         // whitened squared residuals of the inliers
-  int inliers = 0;           // markers
-  double rms_px = 0.0;       // per corner coordinate pair, inliers
-  std::vector<bool> inlier;  // one per observation
+  double chi2 = 0.0;          // whitened squared residuals of the inliers
+  int inliers = 0;            // markers
+  double rms_px = 0.0;        // of the corners' distances, inliers
+  double mean_side_px = 0.0;  // of the inliers in the image
+  std::vector<bool> inlier;   // one per observation
 };
 
 class PoseOptimiser {
@@ -45,11 +51,14 @@ class PoseOptimiser {
   // focal_px turns normalised residuals into pixels for rms_px.
   explicit PoseOptimiser(double focal_px, const PoseOptimiserOptions& options = {});
 
-  // Levenberg-Marquardt on Eq. 22 from `guess`, robust, then gates and runs again without the
-  // markers that do not fit. Empty when nothing can be projected or the normal equations are
-  // singular.
+  // Levenberg-Marquardt on Eq. 22 from `guess`, robust; then estimates the frame's noise from the
+  // residuals, gates the markers by it and runs again with those that fit. Empty when nothing can
+  // be projected or the normal equations are singular.
   [[nodiscard]] std::optional<PoseSolution> optimise(std::span<const PoseObservation> observations,
                                                      const Transform& guess) const;
+
+  // Whether the residuals are small enough for the pose to mean anything.
+  [[nodiscard]] bool acceptable(const PoseSolution& solution) const;
 
   // Sum of the whitened squared residuals of one marker (8 of them); empty behind the camera.
   [[nodiscard]] static std::optional<double> markerChi2(const PoseObservation& observation,
@@ -57,9 +66,11 @@ class PoseOptimiser {
 
  private:
   struct Normal;
+  // T_w_c from which the used observations' cost falls no further.
   [[nodiscard]] std::optional<Transform> minimise(std::span<const PoseObservation> observations,
-                                                  const std::vector<bool>& use,
+                                                  const std::vector<bool>& use, double huber,
                                                   Transform T_w_c) const;
+  [[nodiscard]] double rmsPx(const PoseObservation& observation, const Transform& T_w_c) const;
 
   double focal_px_;
   PoseOptimiserOptions options_;
