@@ -1,16 +1,16 @@
 #include "daemon/lcm_link.h"
 
-#include <arpa/inet.h>
-#include <sys/socket.h>
-
 #include <algorithm>
 #include <cerrno>
 #include <charconv>
 #include <cstring>
 #include <string_view>
 
+#include <arpa/inet.h>
+#include <sys/socket.h>
+
+#include "base/unique_fd.h"
 #include "daemon/clock.h"
-#include "daemon/unique_fd.h"
 
 namespace waymark::daemon {
 namespace {
@@ -26,7 +26,8 @@ constexpr std::int64_t kLongestPauseNs = 5'000'000'000;
 UniqueFd connectTo(const sockaddr_in& address) {
   UniqueFd fd(socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC, 0));
   if (!fd) return fd;
-  if (connect(fd.get(), reinterpret_cast<const sockaddr*>(&address), sizeof address) != 0) return {};
+  if (connect(fd.get(), reinterpret_cast<const sockaddr*>(&address), sizeof address) != 0)
+    return {};
   return fd;
 }
 
@@ -37,7 +38,8 @@ std::optional<sockaddr_in> multicastAddress(const std::string& url) {
   std::string_view place = std::string_view(url).substr(kScheme.size());
   place = place.substr(0, place.find('?'));
   const std::size_t colon = place.find(':');
-  const std::string_view group = colon == 0 || place.empty() ? kDefaultGroup : place.substr(0, colon);
+  const std::string_view group =
+      colon == 0 || place.empty() ? kDefaultGroup : place.substr(0, colon);
 
   sockaddr_in address{};
   address.sin_family = AF_INET;

@@ -1,7 +1,7 @@
 // SIGTERM and SIGINT as something to wait for, instead of handlers in which nothing may be done.
 #pragma once
 
-#include "daemon/unique_fd.h"
+#include "base/unique_fd.h"
 
 namespace waymark::daemon {
 

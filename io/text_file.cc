@@ -8,6 +8,8 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
+#include "base/unique_fd.h"
+
 namespace waymark::io {
 namespace fs = std::filesystem;
 namespace {
@@ -15,21 +17,6 @@ namespace {
 Error systemError(const fs::path& path, const char* what) {
   return Error{path.string() + ": " + what + ": " + std::strerror(errno)};
 }
-
-class FileDescriptor {
- public:
-  explicit FileDescriptor(int fd) : fd_(fd) {}
-  FileDescriptor(const FileDescriptor&) = delete;
-  FileDescriptor& operator=(const FileDescriptor&) = delete;
-  ~FileDescriptor() {
-    if (fd_ >= 0) ::close(fd_);
-  }
-  [[nodiscard]] bool valid() const { return fd_ >= 0; }
-  [[nodiscard]] int get() const { return fd_; }
-
- private:
-  int fd_;
-};
 
 bool writeAll(int fd, std::string_view content) {
   while (!content.empty()) {
@@ -59,9 +46,8 @@ class PendingFile {
     const std::string name =
         "." + path_.filename().string() + "." + std::to_string(::getpid()) + ".tmp";
     const fs::path temporary = directory / name;
-    const FileDescriptor file(
-        ::open(temporary.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0666));
-    if (!file.valid()) return systemError(path_, "cannot be written");
+    const UniqueFd file(::open(temporary.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0666));
+    if (!file) return systemError(path_, "cannot be written");
     temporary_ = temporary;
     if (!writeAll(file.get(), content) || ::fsync(file.get()) != 0) {
       return systemError(path_, "cannot be written");
@@ -84,15 +70,15 @@ class PendingFile {
 
 // A rename is only durable once its directory is. Best effort: some file systems refuse.
 void syncDirectory(const fs::path& path) {
-  const FileDescriptor directory(::open(path.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC));
-  if (directory.valid()) ::fsync(directory.get());
+  const UniqueFd directory(::open(path.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC));
+  if (directory) ::fsync(directory.get());
 }
 
 }  // namespace
 
 Result<std::string> readTextFile(const fs::path& path) {
-  const FileDescriptor file(::open(path.c_str(), O_RDONLY | O_CLOEXEC));
-  if (!file.valid()) return systemError(path, "cannot be read");
+  const UniqueFd file(::open(path.c_str(), O_RDONLY | O_CLOEXEC));
+  if (!file) return systemError(path, "cannot be read");
   std::string content;
   char buffer[1 << 16];
   for (;;) {

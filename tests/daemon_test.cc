@@ -1,7 +1,4 @@
 // waymarkd as its users meet it: a process of its own, with LCM subscribers in another.
-#include <fcntl.h>
-#include <sched.h>
-
 #include <algorithm>
 #include <chrono>
 #include <csignal>
@@ -10,10 +7,12 @@
 #include <thread>
 #include <vector>
 
+#include <fcntl.h>
 #include <gtest/gtest.h>
 #include <opencv2/imgcodecs.hpp>
+#include <sched.h>
 
-#include "daemon/unique_fd.h"
+#include "base/unique_fd.h"
 #include "tests/daemon_process.h"
 #include "tests/subscriber.h"
 
@@ -137,7 +136,7 @@ INSTANTIATE_TEST_SUITE_P(Signals, DaemonStopTest, testing::Values(SIGTERM, SIGIN
 
 // Moves the calling thread into the network namespace of a process.
 bool enterNetworkOf(pid_t pid) {
-  const daemon::UniqueFd network(
+  const UniqueFd network(
       open(("/proc/" + std::to_string(pid) + "/ns/net").c_str(), O_RDONLY | O_CLOEXEC));
   return network && setns(network.get(), CLONE_NEWNET) == 0;
 }

@@ -4,6 +4,7 @@
 #include <cstdio>
 #include <exception>
 #include <memory>
+#include <optional>
 #include <string>
 
 #include <CLI/CLI.hpp>
@@ -13,8 +14,14 @@
 #include "daemon/configuration.h"
 #include "daemon/lcm_link.h"
 #include "daemon/stop_signal.h"
+#include "io/map_file.h"
+#include "io/map_picture.h"
+#include "io/trajectory.h"
+#include "slam/geometry/transform.h"
 #include "tools/exit_code.h"
+#include "tools/live_map.h"
 #include "tools/pose_stream.h"
+#include <waymark/map_t.hpp>
 #include <waymark/pose_t.hpp>
 
 namespace waymark::tools {
@@ -24,10 +31,14 @@ struct EchoOptions {
   std::string url = daemon::Configuration::Publish{}.url;
   std::string channel_prefix = daemon::Configuration::Publish{}.channel_prefix;
   bool tum = false;
+  bool from_start = false;
   bool stats = false;
   bool quiet = false;
+  double interval_s = 0.0;  // between lines; 0: every message
   std::int64_t count = 0;   // messages; 0: no limit
   double duration_s = 0.0;  // 0: no limit
+  std::string map_file;     // empty: none
+  std::string picture_file;
 };
 
 const char* statusWord(std::int8_t status) {
@@ -45,10 +56,12 @@ const char* statusWord(std::int8_t status) {
   }
 }
 
-void printTum(const pose_t& m) {
+// Times count from `start_utime`.
+void printTum(const pose_t& m, std::int64_t start_utime) {
   if (m.source == pose_t::SOURCE_NONE) return;
-  std::printf("%" PRId64 ".%06" PRId64 " %.9f %.9f %.9f %.9f %.9f %.9f %.9f\n", m.utime / 1'000'000,
-              m.utime % 1'000'000, m.p_w_c[0], m.p_w_c[1], m.p_w_c[2], m.q_w_c[1], m.q_w_c[2],
+  const std::int64_t t_us = m.utime - start_utime;
+  std::printf("%" PRId64 ".%06" PRId64 " %.9f %.9f %.9f %.9f %.9f %.9f %.9f\n", t_us / 1'000'000,
+              t_us % 1'000'000, m.p_w_c[0], m.p_w_c[1], m.p_w_c[2], m.q_w_c[1], m.q_w_c[2],
               m.q_w_c[3], m.q_w_c[0]);
 }
 
@@ -65,49 +78,81 @@ void printLine(const pose_t& m) {
               m.markers_used, m.reprojection_rms_px, 1e-6 * static_cast<double>(m.latency_ns));
 }
 
+// Anybody can send on a channel, and the generated code throws on impossible lengths.
+template <typename Message>
+bool decode(const lcm_recv_buf_t& buffer, Message* message) {
+  try {
+    return message->decode(buffer.data, 0, static_cast<int>(buffer.data_size)) >= 0;
+  } catch (const std::exception&) {
+    return false;
+  }
+}
+
 class Echo {
  public:
   explicit Echo(const EchoOptions& options) : options_(options) {}
 
-  int run();
+  Result<ExitCode> run();
 
  private:
-  static void onMessage(const lcm_recv_buf_t* buffer, const char* /*channel*/, void* self) {
-    static_cast<Echo*>(self)->receive(*buffer);
-  }
-  void receive(const lcm_recv_buf_t& buffer);
+  using LcmPtr = std::unique_ptr<lcm_t, void (*)(lcm_t*)>;
+
+  Status subscribe(lcm_t* lcm, const char* channel, lcm_msg_handler_t handler);
+  void receivePose(const lcm_recv_buf_t& buffer);
+  void receiveMap(const lcm_recv_buf_t& buffer);
+  void print();
   [[nodiscard]] bool over(std::int64_t begin_ns) const;
+  [[nodiscard]] Status writeFiles() const;
 
   const EchoOptions& options_;
   PoseStream stream_;
+  LiveMap map_;
+  io::Trajectory trajectory_;  // for the picture
   pose_t pose_{};
+  map_t map_piece_{};
+  std::optional<std::int64_t> first_utime_;  // of the first frame received
+  std::int64_t next_line_ns_ = 0;            // monotonic
 };
 
-int fail(const std::string& reason) {
-  std::fprintf(stderr, "waymark echo: %s\n", reason.c_str());
-  return kBadInput;
-}
-
-int Echo::run() {
+Result<ExitCode> Echo::run() {
   const auto address = daemon::multicastAddress(options_.url);
-  if (!address) return fail("--url: not a multicast address: " + options_.url);
+  if (!address) return Error{"--url: not a multicast address: " + options_.url};
   // LCM itself would say so in a dozen lines.
-  if (!daemon::hasRoute(*address)) return fail(options_.url + ": there is no multicast route");
+  if (!daemon::hasRoute(*address)) return Error{options_.url + ": there is no multicast route"};
 
   daemon::StopSignal stop;
-  const std::unique_ptr<lcm_t, void (*)(lcm_t*)> lcm(lcm_create(options_.url.c_str()), lcm_destroy);
-  if (!lcm) return fail(options_.url + ": LCM refuses it");
-  const std::string channel = options_.channel_prefix + "POSE";
-  lcm_subscription_t* subscription = lcm_subscribe(lcm.get(), channel.c_str(), &onMessage, this);
-  if (subscription == nullptr) return fail(channel + ": cannot subscribe");
-  lcm_subscription_set_queue_capacity(subscription, 1000);  // seconds, should the terminal stall
+  const LcmPtr lcm(lcm_create(options_.url.c_str()), lcm_destroy);
+  if (!lcm) return Error{options_.url + ": LCM refuses it"};
+  const Status poses =
+      subscribe(lcm.get(), "POSE", [](const auto* buffer, const char*, void* self) {
+        static_cast<Echo*>(self)->receivePose(*buffer);
+      });
+  if (!poses) return poses.error();
+  if (!options_.map_file.empty() || !options_.picture_file.empty()) {
+    const Status maps =
+        subscribe(lcm.get(), "MAP", [](const auto* buffer, const char*, void* self) {
+          static_cast<Echo*>(self)->receiveMap(*buffer);
+        });
+    if (!maps) return maps.error();
+  }
 
   const std::int64_t begin_ns = daemon::monotonicNs();
   while (!stop.pending() && !over(begin_ns)) {
-    if (lcm_handle_timeout(lcm.get(), 20) < 0) return fail(options_.url + ": receiving failed");
+    if (lcm_handle_timeout(lcm.get(), 20) < 0) {
+      return Error{options_.url + ": receiving failed"};
+    }
   }
   if (options_.stats) std::printf("%s", stream_.summary(options_.tum ? "# " : "").c_str());
+  if (const Status written = writeFiles(); !written) return written.error();
   return stream_.localized() > 0 ? kDone : kNoPose;
+}
+
+Status Echo::subscribe(lcm_t* lcm, const char* name, lcm_msg_handler_t handler) {
+  const std::string channel = options_.channel_prefix + name;
+  lcm_subscription_t* subscription = lcm_subscribe(lcm, channel.c_str(), handler, this);
+  if (subscription == nullptr) return Error{channel + ": cannot subscribe"};
+  lcm_subscription_set_queue_capacity(subscription, 1000);  // seconds, should the terminal stall
+  return success();
 }
 
 bool Echo::over(std::int64_t begin_ns) const {
@@ -116,23 +161,45 @@ bool Echo::over(std::int64_t begin_ns) const {
          (options_.duration_s > 0.0 && elapsed_s >= options_.duration_s);
 }
 
-void Echo::receive(const lcm_recv_buf_t& buffer) {
+void Echo::receivePose(const lcm_recv_buf_t& buffer) {
   const std::int64_t now_ns = daemon::monotonicNs();
-  try {
-    // Anybody can send on a channel; the generated code throws on impossible lengths.
-    if (pose_.decode(buffer.data, 0, static_cast<int>(buffer.data_size)) < 0) {
-      return stream_.addMalformed();
-    }
-  } catch (const std::exception&) {
-    return stream_.addMalformed();
-  }
+  if (!decode(buffer, &pose_)) return stream_.addMalformed();
   stream_.add(pose_, now_ns);
-  if (options_.quiet) return;
+  if (!first_utime_ && pose_.status != pose_t::STATUS_NO_CAMERA) first_utime_ = pose_.utime;
+  if (!options_.picture_file.empty() && pose_.source != pose_t::SOURCE_NONE) {
+    const Eigen::Quaterniond q(pose_.q_w_c[0], pose_.q_w_c[1], pose_.q_w_c[2], pose_.q_w_c[3]);
+    trajectory_.push_back(
+        {1000 * pose_.utime, slam::Transform::fromQuaternion(q, Eigen::Vector3d(pose_.p_w_c))});
+  }
+  if (options_.quiet || now_ns < next_line_ns_) return;
+  next_line_ns_ = now_ns + static_cast<std::int64_t>(1e9 * options_.interval_s);
+  print();
+}
+
+void Echo::receiveMap(const lcm_recv_buf_t& buffer) {
+  if (!decode(buffer, &map_piece_) || !map_.add(map_piece_)) stream_.addMalformed();
+}
+
+void Echo::print() {
   if (options_.tum) {
-    printTum(pose_);
+    printTum(pose_, options_.from_start ? first_utime_.value_or(0) : 0);
   } else {
     printLine(pose_);
   }
+}
+
+Status Echo::writeFiles() const {
+  if (!options_.map_file.empty()) {
+    const Status written =
+        io::writeMarkerLayout(options_.map_file, map_.markers(), "the map as published");
+    if (!written) return written;
+  }
+  if (options_.picture_file.empty()) return success();
+  return io::writeMapPicture(options_.picture_file, {.title = "Map and trajectory as published",
+                                                     .markers = map_.markers(),
+                                                     .estimate = trajectory_,
+                                                     .truth = {},
+                                                     .z_is_up = false});
 }
 
 }  // namespace
@@ -141,8 +208,17 @@ void addEchoCommand(CLI::App& app, int* exit_code) {
   auto options = std::make_shared<EchoOptions>();
   CLI::App* echo = app.add_subcommand("echo", "Print the poses that a running daemon publishes");
   echo->add_flag("--tum", options->tum, "Print poses as TUM lines: seconds, position, quaternion");
+  echo->add_flag("--from-start", options->from_start,
+                 "Times of --tum count from the first frame received, not from 1970");
   echo->add_flag("--stats", options->stats, "At the end: messages, gaps, rate, latencies");
   echo->add_flag("--quiet", options->quiet, "No line for each message");
+  echo->add_option("--interval", options->interval_s,
+                   "At most one line in so many seconds; all messages count nevertheless")
+      ->check(CLI::NonNegativeNumber);
+  echo->add_option("--map", options->map_file,
+                   "At the end: write the last map into this JSON file");
+  echo->add_option("--picture", options->picture_file,
+                   "At the end: draw the last map and all poses into this SVG file");
   echo->add_option("--url", options->url, "LCM URL")->capture_default_str();
   echo->add_option("--channel-prefix", options->channel_prefix, "Channels begin with this")
       ->capture_default_str();
@@ -152,7 +228,9 @@ void addEchoCommand(CLI::App& app, int* exit_code) {
       ->check(CLI::PositiveNumber);
   echo->callback([options, exit_code] {
     std::setvbuf(stdout, nullptr, _IOLBF, 0);  // whole lines also into a pipe
-    *exit_code = Echo(*options).run();
+    const Result<ExitCode> result = Echo(*options).run();
+    if (!result) std::fprintf(stderr, "waymark echo: %s\n", result.error().message.c_str());
+    *exit_code = result ? result.value() : kBadInput;
   });
 }
 

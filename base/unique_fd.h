@@ -6,7 +6,7 @@
 #include <cerrno>
 #include <utility>
 
-namespace waymark::daemon {
+namespace waymark {
 
 class UniqueFd {
  public:
@@ -31,4 +31,4 @@ class UniqueFd {
   int fd_ = -1;
 };
 
-}  // namespace waymark::daemon
+}  // namespace waymark
