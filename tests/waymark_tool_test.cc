@@ -12,7 +12,7 @@
 #include <opencv2/videoio.hpp>
 
 #include "io/calibration_file.h"
-#include "tests/run_program.h"
+#include "tests/process.h"
 #include "tests/temporary_directory.h"
 
 namespace waymark {
@@ -27,7 +27,8 @@ constexpr int kWidth = 160;
 constexpr int kHeight = 120;
 
 ProgramResult waymark(std::vector<std::string> arguments) {
-  return testing::runProgram(WAYMARK_PROGRAM, std::move(arguments));
+  arguments.insert(arguments.begin(), WAYMARK_PROGRAM);
+  return testing::runProgram(arguments);
 }
 
 // A directory with a calibration and a video without markers.
