@@ -109,7 +109,10 @@ Status processAll(RunInput& input, slam::Slam& slam, StageTimer& timer, bool sho
     if (!step) return step.error();
     if (!step.value()) return success();
     record->add((*step)->time_ns, (*step)->result);
-    bar.update({record->frames(), record->localizedPercent(), slam.map().markers.size()});
+    bar.update(static_cast<std::int64_t>(record->frames()), [&] {
+      return "localized " + io::fixed(record->localizedPercent(), 1) + " %  " +
+             std::to_string(slam.map().markers.size()) + " markers";
+    });
   }
 }
 
