@@ -1,5 +1,5 @@
 // The whole way with a camera that knows the truth: the simulator in waymarkd, LCM, subscribers in
-// other processes. Rate and size are modest: what is tested is what arrives, not how fast.
+// other processes. The rate is modest: what is tested is what arrives, not how fast.
 #include <chrono>
 #include <csignal>
 #include <filesystem>
@@ -63,7 +63,7 @@ class LiveDaemonTest : public ::testing::Test {
     const std::string url = randomUrl();
     std::ofstream(directory_ / "waymarkd.toml")
         << "[camera]\nsource = 'sim:walls'\nrate_hz = 20\n"
-           "[camera.simulator]\nwidth = 320\nheight = 240\nloop_s = 2\ntruth_dir = 'truth'\n"
+           "[camera.simulator]\nloop_s = 2\ntruth_dir = 'truth'\n"
            "[slam]\ndictionary = 'ARUCO_MIP_36h12'\nmarker_size_m = 0.165\n"
            "[publish]\nchannel_prefix = 'TEST_'\nurl = '"
         << url << "'\n";
@@ -134,8 +134,9 @@ TEST_F(LiveDaemonTest, PosesAndMapAreTheTruthAndEveryFrameIsAccountedFor) {
   const auto errors = tools::compareTrajectories(truth, echoed, {.tolerance_ns = 1000});
   ASSERT_TRUE(errors) << errors.error().message;
   EXPECT_EQ(errors->matched, echoed.size()) << "stamps are those of the truth";
-  EXPECT_LT(errors->ate_m.mean, 0.005);
+  EXPECT_LT(errors->ate_m.mean, 0.01);
   EXPECT_LT(errors->ate_m.max, 0.05);
+  RecordProperty("ate_mm", std::to_string(1000.0 * errors->ate_m.mean));
   double path_m = 0.0;
   for (std::size_t i = 1; i < truth.size(); ++i) {
     path_m += (truth[i].T_w_c.p - truth[i - 1].T_w_c.p).norm();
@@ -162,7 +163,7 @@ TEST_F(LiveDaemonTest, PosesAndMapAreTheTruthAndEveryFrameIsAccountedFor) {
   ASSERT_TRUE(map_errors) << map_errors.error().message;
   EXPECT_GE(map_errors->common, 4U);
   EXPECT_TRUE(map_errors->unknown.empty());
-  EXPECT_LT(map_errors->ace_m.mean, 0.005);
+  EXPECT_LT(map_errors->ace_m.mean, 0.01);
 }
 
 }  // namespace
