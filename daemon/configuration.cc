@@ -136,7 +136,8 @@ struct Rule {
   Reader read;
 };
 
-#define FIELD(path) [](Configuration& c) -> auto& { return c.path; }
+#define FIELD(path) \
+  [](Configuration & c) -> auto& { return c.path; }
 
 const std::vector<Rule>& rules() {
   constexpr bool kRequired = true;
@@ -159,8 +160,8 @@ const std::vector<Rule>& rules() {
        integer(FIELD(slam.options.detector.scanner.threshold_window_px), 3, 255)},
       {"slam.detector.scanner.min_side_px", kOptional,
        number(FIELD(slam.options.detector.scanner.min_side_px), 4.0, 1000.0, "px")},
-      {"slam.detector.edges.min_contrast", kOptional,
-       number(FIELD(slam.options.detector.edges.min_contrast), 1.0, 255.0, "grey levels")},
+      {"slam.detector.edges.fit.min_contrast", kOptional,
+       number(FIELD(slam.options.detector.edges.fit.min_contrast), 1.0, 255.0, "grey levels")},
       {"slam.detector.decoder.max_wrong_bits", kOptional,
        integer(FIELD(slam.options.detector.decoder.max_wrong_bits), 0, 8)},
       {"slam.initialisation.ambiguity_ratio", kOptional,
