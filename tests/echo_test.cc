@@ -1,0 +1,81 @@
+// `waymark echo` as scripts/demo uses it: from a simulated camera to the errors of what a
+// subscriber got, every program in its own process.
+#include <algorithm>
+#include <chrono>
+#include <csignal>
+#include <filesystem>
+#include <fstream>
+#include <string>
+#include <vector>
+
+#include <gtest/gtest.h>
+#include <nlohmann/json.hpp>
+
+#include "tests/multicast.h"
+#include "tests/process.h"
+#include "tests/temporary_directory.h"
+
+namespace waymark::testing {
+namespace {
+
+class EchoTest : public ::testing::Test {
+ protected:
+  void SetUp() override {
+    if (!ensureMulticastRoute()) GTEST_SKIP() << "no multicast route, and none may be made";
+  }
+
+  std::vector<std::string> daemonCommand() const {
+    const std::string configuration =
+        "[camera]\nsource = \"sim:walls\"\nrate_hz = 30.0\n"
+        "[camera.simulator]\nwidth = 320\nheight = 240\nloop_s = 2.0\ntruth_dir = \"truth\"\n"
+        "[slam]\ndictionary = \"ARUCO_MIP_36h12\"\nmarker_size_m = 0.2\n"
+        "[publish]\nurl = \"" +
+        url_ + "\"\n";
+    std::ofstream(file("waymarkd.toml")) << configuration;
+    return {WAYMARKD, "--config", file("waymarkd.toml")};
+  }
+  std::string file(const char* name) const { return (directory_ / name).string(); }
+  ProgramResult echo(std::vector<std::string> options) const {
+    options.insert(options.begin(), {WAYMARK_PROGRAM, "echo", "--url", url_, "--count", "45"});
+    return runProgram(options);
+  }
+
+  const TemporaryDirectory directory_;
+  const std::string url_ = randomUrl();
+};
+
+TEST_F(EchoTest, WhatASubscriberGetsIsNearTheTruth) {
+  Process daemon(daemonCommand(), file("log"));
+  const ProgramResult echoed =
+      echo({"--tum", "--stats", "--map", file("map.json"), "--picture", file("map.svg")});
+  ASSERT_EQ(echoed.exit_code, 0) << echoed.err << daemon.stderrText();
+  EXPECT_NE(echoed.out.find("# messages: 45"), std::string::npos) << echoed.out;
+  EXPECT_NE(readFile(file("map.svg")).find("<svg"), std::string::npos);
+  daemon.signal(SIGTERM);
+  ASSERT_EQ(daemon.wait(std::chrono::milliseconds(5000)), 0) << daemon.stderrText();
+
+  std::ofstream(file("estimate.tum")) << echoed.out;
+  const ProgramResult evaluated = runProgram(
+      {WAYMARK_PROGRAM, "eval", "--json", "--truth", file("truth/gt_traj.txt"), "--estimate",
+       file("estimate.tum"), "--truth-map", file("truth/gt_map.json"), "--map", file("map.json")});
+  ASSERT_EQ(evaluated.exit_code, 0) << evaluated.err;
+  const nlohmann::json errors = nlohmann::json::parse(evaluated.out);
+  EXPECT_GE(errors["matched"].get<int>(), 20);
+  EXPECT_GE(errors["common_markers"].get<int>(), 3);
+  // Wrong times, axes or maps would be off by decimetres.
+  EXPECT_LT(errors["ate_m"]["rms"].get<double>(), 0.02);
+  EXPECT_LT(errors["ace_m"]["rms"].get<double>(), 0.03);
+}
+
+TEST_F(EchoTest, TimesCountFromTheFirstFrameAndLinesAreThinnedOut) {
+  const Process daemon(daemonCommand(), file("log"));
+  const ProgramResult echoed = echo({"--tum", "--from-start", "--interval", "0.3"});
+  ASSERT_EQ(echoed.exit_code, 0) << echoed.err << daemon.stderrText();
+  EXPECT_TRUE(echoed.out.starts_with("0.0")) << echoed.out;
+  const auto lines = std::count(echoed.out.begin(), echoed.out.end(), '\n');
+  EXPECT_GE(lines, 2);
+  EXPECT_LE(lines, 15);  // of 45
+}
+
+}  // namespace
+}  // namespace waymark::testing
