@@ -11,6 +11,8 @@
 
 #include <gtest/gtest.h>
 
+#include "tests/temporary_directory.h"
+
 namespace waymark::simulator {
 namespace {
 
@@ -100,9 +102,8 @@ TEST(LiveSource, CountsFramesLostForWantOfABuffer) {
 }
 
 TEST(LiveSource, WritesTheTruthOfWhatItHandedOut) {
-  const std::filesystem::path directory =
-      std::filesystem::path(testing::TempDir()) / "live_source_truth";
-  std::filesystem::remove_all(directory);
+  const waymark::testing::TemporaryDirectory temporary;
+  const std::filesystem::path directory = temporary / "truth";
   LiveOptions options = smallCamera();
   options.truth_directory = directory;
   std::vector<std::int64_t> utimes;
@@ -136,7 +137,6 @@ TEST(LiveSource, WritesTheTruthOfWhatItHandedOut) {
     ++n;
   }
   EXPECT_EQ(n, utimes.size());
-  std::filesystem::remove_all(directory);
 }
 
 TEST(LiveSource, SaysWhatIsWrong) {
