@@ -3,6 +3,7 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <string>
 
 namespace waymark {
 
@@ -18,5 +19,10 @@ struct ImageView {
   [[nodiscard]] const std::uint8_t* row(int y) const { return data + y * stride; }
   [[nodiscard]] std::uint8_t at(int x, int y) const { return row(y)[x]; }
 };
+
+// "640x480", for messages.
+[[nodiscard]] inline std::string sizeText(int width, int height) {
+  return std::to_string(width) + "x" + std::to_string(height);
+}
 
 }  // namespace waymark

@@ -1,10 +1,10 @@
 // Sole owner of a file descriptor.
 #pragma once
 
-#include <unistd.h>
-
 #include <cerrno>
 #include <utility>
+
+#include <unistd.h>
 
 namespace waymark {
 

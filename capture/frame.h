@@ -12,10 +12,10 @@ namespace waymark::capture {
 
 // When a frame was taken. Both clocks name mid-exposure.
 struct FrameStamp {
-  std::uint64_t sequence = 0;       // counts every frame the camera produced, also dropped ones
-  std::int64_t monotonic_ns = 0;    // CLOCK_MONOTONIC; for recordings the recorded time
-  std::int64_t utime = 0;           // microseconds, wall clock
-  std::int64_t exposure_ns = 0;     // 0 when unknown
+  std::uint64_t sequence = 0;     // counts every frame the camera produced, also dropped ones
+  std::int64_t monotonic_ns = 0;  // CLOCK_MONOTONIC; for recordings the recorded time
+  std::int64_t utime = 0;         // microseconds, wall clock
+  std::int64_t exposure_ns = 0;   // 0 when unknown
 };
 
 // Grey pixels in a buffer of a FramePool. Frames are born in a pool, travel as FramePtr and go back

@@ -12,12 +12,12 @@
 namespace waymark::capture {
 
 struct StreamInfo {
-  int width = 0;                // pixels
-  int height = 0;               // pixels
-  double rate_hz = 0.0;         // nominal; 0 when unknown
+  int width = 0;                  // pixels
+  int height = 0;                 // pixels
+  double rate_hz = 0.0;           // nominal; 0 when unknown
   std::int64_t frame_count = -1;  // -1 when unknown or endless
-  bool live = false;            // frames come in real time, whether or not anybody reads
-  std::string description;      // for people: "frames.avi, 640x480, 30 Hz"
+  bool live = false;              // frames come in real time, whether or not anybody reads
+  std::string description;        // for people: "frames.avi, 640x480, 30 Hz"
 };
 
 // Nothing came within the time-out; the source is still good.
@@ -29,8 +29,8 @@ using ReadResult = std::variant<FramePtr, TimedOut, EndOfStream, Error>;
 
 // Counters of a source, by cause; all since it was opened.
 struct SourceCounters {
-  std::uint64_t frames = 0;        // handed out
-  std::uint64_t dropped_late = 0;  // not handed out because their time had passed
+  std::uint64_t frames = 0;             // handed out
+  std::uint64_t dropped_late = 0;       // not handed out because their time had passed
   std::uint64_t dropped_no_buffer = 0;  // not handed out because every buffer was in use
 };
 

@@ -15,6 +15,7 @@
 #include <opencv2/imgcodecs.hpp>
 
 #include "base/decimal_seconds.h"
+#include "base/image_view.h"
 
 namespace waymark::capture {
 namespace fs = std::filesystem;
@@ -112,10 +113,6 @@ class ImageDirectorySource final : public FrameSource {
   }
 
  private:
-  static std::string sizeText(int width, int height) {
-    return std::to_string(width) + "x" + std::to_string(height);
-  }
-
   std::vector<ImageFile> files_;
   StreamInfo info_;
   std::size_t next_ = 0;

@@ -6,17 +6,13 @@
 #include <ctime>
 #include <utility>
 
+#include "base/clock.h"
+
 namespace waymark::capture {
 namespace {
 
 constexpr double kFallbackRate = 30.0;  // Hz, for recordings of unknown rate
 constexpr std::int64_t kPause_ns = 1'000'000;
-
-std::int64_t now_ns(clockid_t clock) {
-  timespec time{};
-  clock_gettime(clock, &time);
-  return static_cast<std::int64_t>(time.tv_sec) * 1'000'000'000 + time.tv_nsec;
-}
 
 void sleepUntil(std::int64_t monotonic_ns) {
   const timespec until{static_cast<time_t>(monotonic_ns / 1'000'000'000),
@@ -40,34 +36,32 @@ class PacedSource final : public FrameSource {
   [[nodiscard]] SourceCounters counters() const override { return counters_; }
 
   [[nodiscard]] ReadResult read(std::chrono::milliseconds timeout) override {
-    const std::int64_t deadline_ns =
-        now_ns(CLOCK_MONOTONIC) + std::chrono::nanoseconds(timeout).count();
+    const std::int64_t deadline_ns = monotonicNs() + std::chrono::nanoseconds(timeout).count();
     for (;;) {
       if (!next_) {
         ReadResult result = recording_->read(timeout);
         // A recording says so at once when every buffer is out: give them time to come back.
-        if (std::holds_alternative<TimedOut>(result))
-          sleepUntil(now_ns(CLOCK_MONOTONIC) + kPause_ns);
+        if (std::holds_alternative<TimedOut>(result)) sleepUntil(monotonicNs() + kPause_ns);
         if (!std::holds_alternative<FramePtr>(result)) return result;
         next_ = std::get<FramePtr>(std::move(result));
       }
       const std::int64_t due = due_ns(next_->stamp());
-      if (due > std::max(deadline_ns, now_ns(CLOCK_MONOTONIC))) {
+      if (due > std::max(deadline_ns, monotonicNs())) {
         sleepUntil(deadline_ns);
         return TimedOut{};
       }
       sleepUntil(due);
-      if (now_ns(CLOCK_MONOTONIC) - due <= period_ns_) return handOut(due);
+      if (monotonicNs() - due <= period_ns_) return handOut(due);
       next_.reset();
       ++counters_.dropped_late;
-      if (now_ns(CLOCK_MONOTONIC) > deadline_ns) return TimedOut{};
+      if (monotonicNs() > deadline_ns) return TimedOut{};
     }
   }
 
  private:
   std::int64_t due_ns(const FrameStamp& stamp) {
     if (!started_) {
-      started_ = Start{stamp, now_ns(CLOCK_MONOTONIC), now_ns(CLOCK_REALTIME)};
+      started_ = Start{stamp, monotonicNs(), wallUs()};
     }
     const std::int64_t since_first =
         given_rate_
@@ -80,7 +74,7 @@ class PacedSource final : public FrameSource {
   ReadResult handOut(std::int64_t due) {
     FrameStamp stamp = next_->stamp();
     stamp.monotonic_ns = due;
-    stamp.utime = (started_->realtime_ns + (due - started_->monotonic_ns)) / 1000;
+    stamp.utime = started_->wall_us + (due - started_->monotonic_ns) / 1000;
     next_->setStamp(stamp);
     ++counters_.frames;
     return std::move(next_);
@@ -89,7 +83,7 @@ class PacedSource final : public FrameSource {
   struct Start {
     FrameStamp first;  // as recorded
     std::int64_t monotonic_ns;
-    std::int64_t realtime_ns;
+    std::int64_t wall_us;
   };
 
   std::unique_ptr<FrameSource> recording_;  // outlives next_: its pool owns the pixels

@@ -1,10 +1,8 @@
 #include "capture/video_source.h"
 
 #include <algorithm>
-#include <cerrno>
 #include <cmath>
 #include <cstdlib>
-#include <cstring>
 #include <string>
 #include <utility>
 
@@ -13,6 +11,8 @@
 #include <opencv2/videoio.hpp>
 #include <unistd.h>
 
+#include "base/image_view.h"
+#include "base/system_reason.h"
 #include "capture/container_length.h"
 
 namespace waymark::capture {
@@ -106,9 +106,8 @@ ReadResult VideoSource::read(std::chrono::milliseconds /*timeout*/) {
   try {
     if (!video_.read(decoded_)) return atEnd();
     if (decoded_.cols != info_.width || decoded_.rows != info_.height) {
-      return error("is " + std::to_string(decoded_.cols) + "x" + std::to_string(decoded_.rows) +
-                   ", the frames before are " + std::to_string(info_.width) + "x" +
-                   std::to_string(info_.height));
+      return error("is " + sizeText(decoded_.cols, decoded_.rows) + ", the frames before are " +
+                   sizeText(info_.width, info_.height));
     }
     cv::Mat grey(info_.height, info_.width, CV_8UC1, frame->pixels());
     // Its weights add up to one exactly, so grey video comes through unchanged.
@@ -127,7 +126,7 @@ ReadResult VideoSource::read(std::chrono::milliseconds /*timeout*/) {
 Result<std::unique_ptr<FrameSource>> openVideo(const std::filesystem::path& path,
                                                std::optional<double> fps) {
   if (::access(path.c_str(), R_OK) != 0) {
-    return Error{path.string() + ": cannot be read: " + std::strerror(errno)};
+    return Error{path.string() + ": cannot be read: " + systemReason()};
   }
   const std::optional<ContainerLength> length = containerLength(path);
   if (length && length->truncated()) {

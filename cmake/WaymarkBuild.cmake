@@ -21,8 +21,9 @@ target_compile_options(waymark_flags INTERFACE
   -fno-math-errno -fno-trapping-math)
 target_include_directories(waymark_flags INTERFACE "${PROJECT_SOURCE_DIR}" "${PROJECT_BINARY_DIR}")
 if(WAYMARK_SANITIZE)
+  # The last -O and -g win: a report needs lines, not variables, and such builds are slow enough.
   target_compile_options(waymark_flags INTERFACE
-    -fsanitize=${WAYMARK_SANITIZE} -fno-sanitize-recover=all -fno-omit-frame-pointer)
+    -fsanitize=${WAYMARK_SANITIZE} -fno-sanitize-recover=all -fno-omit-frame-pointer -O1 -g1)
   target_link_options(waymark_flags INTERFACE -fsanitize=${WAYMARK_SANITIZE})
 endif()
 

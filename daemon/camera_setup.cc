@@ -4,6 +4,7 @@
 #include <string>
 #include <utility>
 
+#include "base/image_view.h"
 #include "capture/open_source.h"
 #include "io/calibration_file.h"
 #include "simulator/live_source.h"
@@ -15,18 +16,13 @@ using OpenResult = Result<std::unique_ptr<capture::FrameSource>>;
 
 constexpr std::string_view kSimulated = "sim:";
 
-std::string inWords(int width, int height) {
-  return std::to_string(width) + "x" + std::to_string(height);
-}
-
 // The SLAM takes pictures of exactly the size its calibration is for.
 OpenResult matching(OpenResult opened, const slam::Calibration& calibration) {
   if (!opened) return opened;
   const capture::StreamInfo& info = (*opened)->info();
   if (info.width == calibration.width && info.height == calibration.height) return opened;
-  return Error{info.description + ": the pictures are " + inWords(info.width, info.height) +
-               ", but the calibration is for " +
-               inWords(calibration.width, calibration.height)};
+  return Error{info.description + ": the pictures are " + sizeText(info.width, info.height) +
+               ", but the calibration is for " + sizeText(calibration.width, calibration.height)};
 }
 
 // The simulated markers are those the SLAM is told to look for.

@@ -28,6 +28,7 @@ void CaptureLoop::run() {
       lose(opened.error());
     }
   }
+  if (source_) countFrames();  // what it dropped since its last frame
   frames_.close();
 }
 

@@ -66,8 +66,8 @@ class CaptureLoop {
   const Options options_;
 
   std::unique_ptr<capture::FrameSource> source_;
-  capture::SourceCounters earlier_;          // of the sources before this one
-  std::uint64_t next_sequence_ = 0;          // goes on counting when the camera is opened again
+  capture::SourceCounters earlier_;  // of the sources before this one
+  std::uint64_t next_sequence_ = 0;  // goes on counting when the camera is opened again
   std::uint64_t sequence_offset_ = 0;
   bool opened_before_ = false;
   std::chrono::milliseconds pause_;

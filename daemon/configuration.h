@@ -7,7 +7,7 @@
 
 #include "base/result.h"
 #include "daemon/log.h"
-#include "slam/options.h"
+#include "io/slam_settings.h"
 
 namespace waymark::daemon {
 
@@ -22,15 +22,10 @@ struct Configuration {
   };
 
   struct Camera {
-    std::string source;                 // "sim:SCENE", a recording's path, "v4l2:DEVICE", ...
-    std::filesystem::path calibration;  // empty: the simulator's own
+    std::string source;                 // "sim:SCENE", or a recording's path
+    std::filesystem::path calibration;  // of recordings; the simulator has its own
     double rate_hz = 0.0;               // 0: the source's own
     Simulator simulator;
-  };
-
-  struct Slam {
-    std::string dictionary;
-    slam::Options options;
   };
 
   struct Queue {
@@ -49,7 +44,7 @@ struct Configuration {
   };
 
   Camera camera;
-  Slam slam;
+  io::SlamSettings slam;
   Queue queue;
   Publish publish;
   Logging log;

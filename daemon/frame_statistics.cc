@@ -1,16 +1,11 @@
 #include "daemon/frame_statistics.h"
 
 #include <algorithm>
+#include <span>
+
+#include "base/quantile.h"
 
 namespace waymark::daemon {
-
-Quantiles quantiles(std::span<std::int64_t> samples) {
-  if (samples.empty()) return {};
-  std::ranges::sort(samples);
-  const std::size_t n = samples.size();
-  // In whole numbers: ceil(n / 2) and ceil(99 n / 100).
-  return {samples[(n + 1) / 2 - 1], samples[(99 * n + 99) / 100 - 1], samples[n - 1]};
-}
 
 void FrameStatistics::add(bool localized, std::int64_t latency_ns, std::int64_t processing_ns) {
   if (frames_ < kMaxSamples) {
@@ -23,8 +18,8 @@ void FrameStatistics::add(bool localized, std::int64_t latency_ns, std::int64_t 
 
 void FrameStatistics::report(std::int64_t now_ns, health_t& message) {
   const std::size_t kept = std::min(frames_, kMaxSamples);
-  const Quantiles latency = quantiles(std::span(latency_ns_).first(kept));
-  const Quantiles processing = quantiles(std::span(processing_ns_).first(kept));
+  const TimeQuantiles latency = timeQuantiles(std::span(latency_ns_).first(kept));
+  const TimeQuantiles processing = timeQuantiles(std::span(processing_ns_).first(kept));
   const double period_s = begin_ns_ == 0 ? 0.0 : 1e-9 * static_cast<double>(now_ns - begin_ns_);
   message.period_s = period_s;
   message.frame_rate_hz = period_s > 0.0 ? static_cast<double>(frames_) / period_s : 0.0;

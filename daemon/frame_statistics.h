@@ -4,20 +4,10 @@
 #include <array>
 #include <cstddef>
 #include <cstdint>
-#include <span>
 
 #include <waymark/health_t.hpp>
 
 namespace waymark::daemon {
-
-// Median, 99th percentile and maximum; zeros when there are no samples.
-struct Quantiles {
-  std::int64_t median = 0;
-  std::int64_t p99 = 0;
-  std::int64_t max = 0;
-};
-// Reorders `samples`. A quantile q of n samples is the one with ceil(q n) - 1 samples before it.
-[[nodiscard]] Quantiles quantiles(std::span<std::int64_t> samples);
 
 class FrameStatistics {
  public:

@@ -1,29 +1,9 @@
 #include "daemon/frame_statistics.h"
 
-#include <algorithm>
-#include <numeric>
-#include <vector>
-
 #include <gtest/gtest.h>
 
 namespace waymark::daemon {
 namespace {
-
-TEST(Quantiles, OfOneToHundred) {
-  std::vector<std::int64_t> samples(100);
-  std::iota(samples.rbegin(), samples.rend(), 1);
-  const Quantiles q = quantiles(samples);
-  EXPECT_EQ(q.median, 50);
-  EXPECT_EQ(q.p99, 99);
-  EXPECT_EQ(q.max, 100);
-}
-
-TEST(Quantiles, OfOneAndOfNone) {
-  std::vector<std::int64_t> one{7};
-  EXPECT_EQ(quantiles(one).median, 7);
-  EXPECT_EQ(quantiles(one).p99, 7);
-  EXPECT_EQ(quantiles({}).max, 0);
-}
 
 TEST(FrameStatistics, CountsPerSecondOfThePeriodOnly) {
   FrameStatistics statistics;

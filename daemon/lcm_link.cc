@@ -3,14 +3,14 @@
 #include <algorithm>
 #include <cerrno>
 #include <charconv>
-#include <cstring>
 #include <string_view>
 
 #include <arpa/inet.h>
 #include <sys/socket.h>
 
+#include "base/clock.h"
+#include "base/system_reason.h"
 #include "base/unique_fd.h"
-#include "daemon/clock.h"
 
 namespace waymark::daemon {
 namespace {
@@ -65,8 +65,7 @@ bool LcmLink::maintain(std::int64_t now_ns) {
   if (up()) return true;
   if (now_ns < next_attempt_ns_) return false;
   if (!hasRoute(address_)) {
-    lost(errno == ENETUNREACH ? "there is no multicast route"
-                              : std::strerror(errno));  // NOLINT(concurrency-mt-unsafe)
+    lost(errno == ENETUNREACH ? "there is no multicast route" : systemReason());
   } else {
     lcm_.reset(lcm_create(url_.c_str()));
     if (!up()) lost("LCM refuses it");
@@ -90,8 +89,7 @@ bool LcmLink::publish(const std::string& channel, std::span<const std::uint8_t> 
   }
   const int cause = errno;
   lcm_.reset();
-  lost(cause == ENETUNREACH ? "there is no multicast route any more"
-                            : std::strerror(cause));  // NOLINT(concurrency-mt-unsafe)
+  lost(cause == ENETUNREACH ? "there is no multicast route any more" : systemReason(cause));
   next_attempt_ns_ = monotonicNs() + pause_ns_;
   return false;
 }

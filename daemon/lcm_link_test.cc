@@ -1,7 +1,6 @@
 #include "daemon/lcm_link.h"
 
 #include <arpa/inet.h>
-
 #include <gtest/gtest.h>
 
 namespace waymark::daemon {
@@ -24,10 +23,10 @@ TEST(MulticastAddress, ReadsWhatLcmReads) {
 }
 
 TEST(MulticastAddress, RefusesWhatCannotWork) {
-  for (const char* url : {"", "239.255.76.67:7667", "file:///tmp/x", "udpm://localhost:7667",
-                          "udpm://10.0.0.1:7667", "udpm://239.255.76.67:0",
-                          "udpm://239.255.76.67:70000", "udpm://239.255.76.67:x",
-                          "udpm://239.255.76.67:7667x?ttl=0", "udpm://239.255.76:7667"}) {
+  for (const char* url :
+       {"", "239.255.76.67:7667", "file:///tmp/x", "udpm://localhost:7667", "udpm://10.0.0.1:7667",
+        "udpm://239.255.76.67:0", "udpm://239.255.76.67:70000", "udpm://239.255.76.67:x",
+        "udpm://239.255.76.67:7667x?ttl=0", "udpm://239.255.76:7667"}) {
     EXPECT_EQ(inWords(url), "refused") << url;
   }
 }

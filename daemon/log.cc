@@ -1,10 +1,10 @@
 #include "daemon/log.h"
 
-#include <sys/stat.h>
-#include <unistd.h>
-
 #include <cstdlib>
 #include <string>
+
+#include <sys/stat.h>
+#include <unistd.h>
 
 namespace waymark::daemon {
 namespace {

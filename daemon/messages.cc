@@ -154,8 +154,8 @@ void BotCorePoses::fill(const FrameRecord& record, bot_core::pose_t& message) {
   Eigen::Vector3d velocity_b = Eigen::Vector3d::Zero();
   Eigen::Vector3d rotation_rate_b = Eigen::Vector3d::Zero();
   if (previous_) {
-    const double dt_s = 1e-9 * static_cast<double>(record.stamp.monotonic_ns -
-                                                   previous_->monotonic_ns);
+    const double dt_s =
+        1e-9 * static_cast<double>(record.stamp.monotonic_ns - previous_->monotonic_ns);
     if (dt_s > 0.0 && dt_s <= kLongestPauseS) {
       velocity_b = T_w_b.R.transpose() * (T_w_b.p - previous_->T_w_b.p) / dt_s;
       // The rotation from the earlier body frame to the later one has its axis in both alike.

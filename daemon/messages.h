@@ -6,11 +6,11 @@
 #include <string>
 
 #include <bot_core/pose_t.hpp>
+
+#include "daemon/frame_record.h"
 #include <waymark/detections_t.hpp>
 #include <waymark/map_t.hpp>
 #include <waymark/pose_t.hpp>
-
-#include "daemon/frame_record.h"
 
 namespace waymark::daemon {
 

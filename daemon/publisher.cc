@@ -3,7 +3,7 @@
 #include <span>
 #include <utility>
 
-#include "daemon/clock.h"
+#include "base/clock.h"
 #include "daemon/temperatures.h"
 
 namespace waymark::daemon {
@@ -72,7 +72,7 @@ void Publisher::publishFrame() {
   const std::int8_t status_before = pose_.status;
   fillPose(record_, last_pose_ns_, pose_);
   pose_.latency_ns = monotonicNs() - record_.stamp.monotonic_ns;
-  send(pose_channel_, pose_);
+  ++(send(pose_channel_, pose_) ? poses_sent_ : poses_unsent_);
   statistics_.add(record_.pose.has_value(), pose_.latency_ns, record_.processing_ns);
   if (pose_.status != status_before) health_changed_ = true;
 
@@ -104,8 +104,8 @@ void Publisher::watchCamera(std::int64_t now_ns) {
     health_changed_ = true;
     next_no_camera_ns_ = now_ns;
   }
-  const bool absent = camera_report_.state == CameraState::kOpening ||
-                      camera_report_.state == CameraState::kLost;
+  const bool absent =
+      camera_report_.state == CameraState::kOpening || camera_report_.state == CameraState::kLost;
   if (absent && now_ns >= next_no_camera_ns_) publishNoCamera(now_ns);
 }
 
@@ -137,7 +137,9 @@ void Publisher::publishHealth(std::int64_t now_ns) {
   send(health_channel_, health_);
 }
 
-// Every frame and every reason for which one may get lost, in the order of its way.
+// Every frame and every reason for which one may get lost, in the order of its way. What the source
+// had, camera.frames + dropped.source_*, is what came out, published.poses + dropped.*, once
+// nothing is under way any more.
 void Publisher::fillCounters() {
   const capture::SourceCounters source = camera_.counters();
   const slam::Counters& slam = record_.counters;
@@ -156,6 +158,8 @@ void Publisher::fillCounters() {
   addCounter("slam.rejected_poses", slam.rejected_poses);
   addCounter("deadline.missed", deadlines_missed_);
   addCounter("dropped.publisher", input_.records_lost.load(std::memory_order_relaxed));
+  addCounter("dropped.unsent", poses_unsent_);
+  addCounter("published.poses", poses_sent_);
   addCounter("unsent.link_down", unsent_.link_down);
   addCounter("unsent.too_large", unsent_.too_large);
   health_.counter_count = static_cast<std::int32_t>(health_.counters.size());
@@ -168,13 +172,17 @@ void Publisher::addCounter(const char* name, std::uint64_t value) {
 }
 
 template <typename Message>
-void Publisher::send(const std::string& channel, const Message& message) {
+bool Publisher::send(const std::string& channel, const Message& message) {
   const int size = message.encode(bytes_.data(), 0, static_cast<int>(bytes_.size()));
   if (size < 0) {
     ++unsent_.too_large;
-  } else if (!link_.publish(channel, std::span(bytes_).first(static_cast<std::size_t>(size)))) {
-    ++unsent_.link_down;
+    return false;
   }
+  if (!link_.publish(channel, std::span(bytes_).first(static_cast<std::size_t>(size)))) {
+    ++unsent_.link_down;
+    return false;
+  }
+  return true;
 }
 
 }  // namespace waymark::daemon

@@ -7,14 +7,13 @@
 #include <optional>
 #include <string>
 
-#include <waymark/health_t.hpp>
-
 #include "daemon/camera_status.h"
 #include "daemon/configuration.h"
 #include "daemon/frame_statistics.h"
 #include "daemon/lcm_link.h"
 #include "daemon/messages.h"
 #include "daemon/slam_loop.h"
+#include <waymark/health_t.hpp>
 
 namespace waymark::daemon {
 
@@ -28,7 +27,7 @@ class Publisher {
   void run();
 
  private:
-  // What has been tried and did not leave, by cause.
+  // Messages of any kind that did not leave, by cause.
   struct Unsent {
     std::uint64_t link_down = 0;
     std::uint64_t too_large = 0;
@@ -43,8 +42,9 @@ class Publisher {
   void fillCounters();
   void addCounter(const char* name, std::uint64_t value);
 
+  // False when it did not leave; then it is counted in unsent_.
   template <typename Message>
-  void send(const std::string& channel, const Message& message);
+  bool send(const std::string& channel, const Message& message);
 
   // LCM loses larger messages in the field.
   static constexpr std::size_t kMaxMessageBytes = 60'000;
@@ -70,6 +70,8 @@ class Publisher {
   BotCorePoses bot_core_poses_;
   FrameStatistics statistics_;
   Unsent unsent_;
+  std::uint64_t poses_sent_ = 0;    // of frames
+  std::uint64_t poses_unsent_ = 0;  // of frames
   std::uint64_t deadlines_missed_ = 0;
   std::optional<std::int64_t> last_pose_ns_;  // monotonic
   std::int64_t map_revision_ = 0;

@@ -2,12 +2,11 @@
 
 #include <algorithm>
 
-#include "daemon/clock.h"
+#include "base/clock.h"
 
 namespace waymark::daemon {
 
-SlamLoop::SlamLoop(slam::Slam& slam, FrameQueue& frames, SlamOutput& output,
-                   const Options& options)
+SlamLoop::SlamLoop(slam::Slam& slam, FrameQueue& frames, SlamOutput& output, const Options& options)
     : slam_(slam), frames_(frames), output_(output), options_(options) {}
 
 void SlamLoop::run() {

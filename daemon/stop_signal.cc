@@ -1,11 +1,11 @@
 #include "daemon/stop_signal.h"
 
+#include <array>
+#include <csignal>
+
 #include <poll.h>
 #include <sys/eventfd.h>
 #include <sys/signalfd.h>
-
-#include <array>
-#include <csignal>
 
 namespace waymark::daemon {
 

@@ -18,9 +18,7 @@ class TripleBuffer {
   // Writer: the buffer to fill. Holds some older value, whose memory may be reused.
   [[nodiscard]] T& writeBuffer() { return buffers_[write_]; }
   // Writer: hands it over; a value the reader has not taken is forgotten.
-  void publish() {
-    write_ = middle_.exchange(write_ | kFresh, std::memory_order_acq_rel) & kIndex;
-  }
+  void publish() { write_ = middle_.exchange(write_ | kFresh, std::memory_order_acq_rel) & kIndex; }
 
   // Reader: the newest value, or null when there is nothing new since the last call. Valid until
   // the next call.

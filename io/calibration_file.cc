@@ -84,8 +84,8 @@ void readCameraMatrix(Reader& reader, slam::Calibration* calibration) {
   const std::vector<double> K = reader.matrix(kKey, &rows, &columns);
   if (!reader.fault().empty()) return;
   if (rows != 3 || columns != 3) {
-    return reader.fail(kKey, "is " + std::to_string(rows) + "x" + std::to_string(columns) +
-                                 ", must be 3x3");
+    return reader.fail(
+        kKey, "is " + std::to_string(rows) + "x" + std::to_string(columns) + ", must be 3x3");
   }
   if (K[1] != 0.0 || K[3] != 0.0 || K[6] != 0.0 || K[7] != 0.0 || K[8] != 1.0) {
     return reader.fail(kKey, "must have the form [fx 0 cx; 0 fy cy; 0 0 1]");
@@ -164,8 +164,8 @@ Result<slam::Calibration> readCalibration(const std::filesystem::path& path) {
 Status writeCalibration(const std::filesystem::path& path, const slam::Calibration& calibration) {
   const slam::Calibration& c = calibration;
   const bool fisheye = c.model == slam::DistortionModel::kEquidistant;
-  const bool rational = std::any_of(c.distortion.begin() + 5, c.distortion.end(),
-                                    [](double v) { return v != 0.0; });
+  const bool rational =
+      std::any_of(c.distortion.begin() + 5, c.distortion.end(), [](double v) { return v != 0.0; });
   const int coefficients = fisheye ? 4 : (rational ? 8 : 5);
 
   // By hand rather than with cv::FileStorage: shortest round-trip numbers, and no exceptions.

@@ -54,7 +54,8 @@ TEST(RecordedDetections, CornersAreReorderedAndUndistorted) {
 TEST(RecordedDetections, FramesCsvNamesAlsoTheEmptyOnes) {
   const TemporaryDirectory directory;
   ASSERT_TRUE(writeTextFile(directory / "frames.csv", "# t\n3\n1\n2\n").ok());
-  ASSERT_TRUE(writeTextFile(directory / "detections.csv", "2,4,0,301,201,302,201,302,200,301,200\n").ok());
+  ASSERT_TRUE(
+      writeTextFile(directory / "detections.csv", "2,4,0,301,201,302,201,302,200,301,200\n").ok());
   const auto recorded = readRecordedDetections(directory / "detections.csv", camera());
   ASSERT_TRUE(recorded.ok()) << recorded.error().message;
   ASSERT_EQ(recorded->frames.size(), 3U);

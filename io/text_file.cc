@@ -1,13 +1,13 @@
 #include "io/text_file.h"
 
 #include <cerrno>
-#include <cstring>
 #include <optional>
 
 #include <fcntl.h>
 #include <sys/stat.h>
 #include <unistd.h>
 
+#include "base/system_reason.h"
 #include "base/unique_fd.h"
 
 namespace waymark::io {
@@ -15,7 +15,7 @@ namespace fs = std::filesystem;
 namespace {
 
 Error systemError(const fs::path& path, const char* what) {
-  return Error{path.string() + ": " + what + ": " + std::strerror(errno)};
+  return Error{path.string() + ": " + what + ": " + systemReason()};
 }
 
 bool writeAll(int fd, std::string_view content) {

@@ -19,8 +19,8 @@ constexpr int kQuaternionDecimals = 12;
 std::optional<StampedPose> parsePose(std::string_view line, std::string* fault) {
   const std::vector<std::string_view> fields = split(line, ' ');
   if (fields.size() != 8) {
-    *fault = "has " + std::to_string(fields.size()) +
-             " fields, must be 8: time tx ty tz qx qy qz qw";
+    *fault =
+        "has " + std::to_string(fields.size()) + " fields, must be 8: time tx ty tz qx qy qz qw";
     return std::nullopt;
   }
   StampedPose pose;

@@ -2,10 +2,10 @@
 #include <cstdint>
 #include <vector>
 
-#include <gtest/gtest.h>
-
 #include <bot_core/image_t.hpp>
 #include <bot_core/pose_t.hpp>
+#include <gtest/gtest.h>
+
 #include <waymark/detections_t.hpp>
 #include <waymark/health_t.hpp>
 #include <waymark/map_t.hpp>

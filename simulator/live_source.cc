@@ -2,15 +2,15 @@
 
 #include <algorithm>
 #include <atomic>
-#include <cinttypes>
 #include <cmath>
-#include <cstdio>
 #include <cstring>
 #include <string>
 #include <system_error>
 #include <thread>
 #include <utility>
 
+#include "base/clock.h"
+#include "io/trajectory.h"
 #include "simulator/simulated_source.h"
 #include "simulator/truth_files.h"
 
@@ -38,14 +38,11 @@ std::chrono::nanoseconds seconds(double s) {
   return std::chrono::nanoseconds(std::llround(s * 1e9));
 }
 
-// What of the truth is known before the first frame.
-Status writeStaticTruth(const std::filesystem::path& directory, const Simulation& simulation) {
+Status beginTruth(const std::filesystem::path& directory, const Simulation& simulation) {
   std::error_code failed;
   std::filesystem::create_directories(directory, failed);
   if (failed) return Error{directory.string() + ": cannot make directory: " + failed.message()};
-  Status status = writeWholeFile(directory / "calib.yml", calibrationText(simulation.camera()));
-  if (!status) return status;
-  return writeWholeFile(directory / "gt_map.json", mapText(simulation));
+  return writeStaticTruth(directory, simulation);
 }
 
 }  // namespace
@@ -67,7 +64,7 @@ Result<std::unique_ptr<LiveSimulatedSource>> openLive(const LiveOptions& options
   auto simulation = Simulation::create(simulated, Ending::kClosedLoop);
   if (!simulation) return simulation.error();
   if (options.truth_directory) {
-    if (Status status = writeStaticTruth(*options.truth_directory, **simulation); !status) {
+    if (Status status = beginTruth(*options.truth_directory, **simulation); !status) {
       return status.error();
     }
   }
@@ -108,9 +105,7 @@ void LiveSimulatedSource::renderLoop(int threads) {
 
 void LiveSimulatedSource::start() {
   started_ = Clock::now();
-  started_utime_ = std::chrono::duration_cast<std::chrono::microseconds>(
-                       std::chrono::system_clock::now().time_since_epoch())
-                       .count();
+  started_utime_ = wallUs();
 }
 
 LiveSimulatedSource::Clock::time_point LiveSimulatedSource::readyTime(
@@ -172,17 +167,14 @@ capture::FramePtr LiveSimulatedSource::takeNext() {
 
 Status LiveSimulatedSource::close() {
   if (!truth_directory_) return success();
-  std::string text;
+  io::Trajectory truth;
   for (const HandedOut& frame : handed_out_) {
-    char time[40];
-    std::snprintf(time, sizeof time, "%" PRId64 ".%06" PRId64, frame.utime / 1'000'000,
-                  frame.utime % 1'000'000);
-    text += trajectoryLine(time, poseAt(frame.sequence));
+    truth.push_back({1000 * frame.utime, poseAt(frame.sequence)});
   }
   const std::filesystem::path path = *truth_directory_ / "gt_traj.txt";
   truth_directory_.reset();
   handed_out_.clear();
-  return writeWholeFile(path, text);
+  return io::writeTrajectory(path, truth);
 }
 
 }  // namespace waymark::simulator

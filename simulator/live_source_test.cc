@@ -2,15 +2,15 @@
 
 #include <cstdint>
 #include <filesystem>
-#include <fstream>
 #include <map>
-#include <sstream>
 #include <string>
 #include <thread>
 #include <vector>
 
 #include <gtest/gtest.h>
 
+#include "base/clock.h"
+#include "io/trajectory.h"
 #include "tests/temporary_directory.h"
 
 namespace waymark::simulator {
@@ -26,12 +26,6 @@ LiveOptions smallCamera() {
   return options;
 }
 
-std::int64_t monotonicNow() {
-  return std::chrono::duration_cast<std::chrono::nanoseconds>(
-             std::chrono::steady_clock::now().time_since_epoch())
-      .count();
-}
-
 TEST(LiveSource, PlaysTheLoopInRealTime) {
   auto source = openLive(smallCamera());
   ASSERT_TRUE(source.ok());
@@ -44,7 +38,7 @@ TEST(LiveSource, PlaysTheLoopInRealTime) {
     auto* const frame = std::get_if<capture::FramePtr>(&result);
     ASSERT_NE(frame, nullptr);
     const capture::FrameStamp& stamp = (*frame)->stamp();
-    EXPECT_GE(monotonicNow(), stamp.monotonic_ns);  // never before it is exposed
+    EXPECT_GE(monotonicNs(), stamp.monotonic_ns);  // never before it is exposed
     if (i == 0)
       first_ns = stamp.monotonic_ns - static_cast<std::int64_t>(stamp.sequence) * 20000000;
     EXPECT_NEAR(static_cast<double>(stamp.monotonic_ns - first_ns),
@@ -122,21 +116,13 @@ TEST(LiveSource, WritesTheTruthOfWhatItHandedOut) {
     }
     EXPECT_TRUE((*source)->close().ok());
   }
-  std::ifstream file(directory / "gt_traj.txt");
-  std::string line;
-  std::size_t n = 0;
-  while (std::getline(file, line)) {
-    ASSERT_LT(n, utimes.size());
-    const std::size_t dot = line.find('.');
-    EXPECT_EQ(std::stoll(line.substr(0, dot)) * 1000000 + std::stoll(line.substr(dot + 1, 6)),
-              utimes[n]);
-    std::istringstream numbers(line.substr(line.find(' ')));
-    Eigen::Vector3d p;
-    numbers >> p.x() >> p.y() >> p.z();
-    EXPECT_LT((p - positions[n]).norm(), 1e-8);
-    ++n;
+  const Result<io::Trajectory> truth = io::readTrajectory(directory / "gt_traj.txt");
+  ASSERT_TRUE(truth) << truth.error().message;
+  ASSERT_EQ(truth->size(), utimes.size());
+  for (std::size_t n = 0; n < truth->size(); ++n) {
+    EXPECT_EQ((*truth)[n].time_ns, 1000 * utimes[n]);
+    EXPECT_LT(((*truth)[n].T_w_c.p - positions[n]).norm(), 1e-8);
   }
-  EXPECT_EQ(n, utimes.size());
 }
 
 TEST(LiveSource, SaysWhatIsWrong) {

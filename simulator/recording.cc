@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <cstdio>
-#include <iterator>
 #include <memory>
 #include <string>
 #include <system_error>
@@ -14,6 +13,8 @@
 #include <opencv2/imgcodecs.hpp>
 #include <opencv2/videoio.hpp>
 
+#include "io/text_file.h"
+#include "io/trajectory.h"
 #include "simulator/simulation_json.h"
 #include "simulator/truth_files.h"
 
@@ -101,7 +102,7 @@ class ImageSink : public FrameSink {
   }
 
   Status keep() override {
-    if (Status status = writeWholeFile(partial_ / "frames.txt", times_); !status) return status;
+    if (Status status = io::writeTextFile(partial_ / "frames.txt", times_); !status) return status;
     return renameTo(partial_, path_);
   }
 
@@ -130,7 +131,7 @@ class Directory {
     if (!fs::is_directory(path_)) return Error{path_.string() + ": is not a directory"};
     // A long rendering should not find out at its end that nothing can be written.
     const fs::path probe = path_ / ".writable";
-    Status status = writeWholeFile(probe, "");
+    Status status = io::writeTextFile(probe, "");
     fs::remove(probe, failed);
     if (!status) return Error{path_.string() + ": directory cannot be written"};
     return success();
@@ -181,15 +182,11 @@ void removeTruth(const fs::path& directory) {
 }
 
 Status writeTruth(const Simulation& simulation, const fs::path& directory) {
-  const std::string texts[] = {calibrationText(simulation.camera()), trajectoryText(simulation),
-                               mapText(simulation), optionsText(simulation)};
-  for (std::size_t i = 0; i < std::size(texts); ++i) {
-    if (Status status = writeWholeFile(directory / kTruthFiles[i], texts[i]); !status) {
-      removeTruth(directory);
-      return status;
-    }
-  }
-  return success();
+  Status status = writeStaticTruth(directory, simulation);
+  if (status) status = io::writeTrajectory(directory / "gt_traj.txt", trueTrajectory(simulation));
+  if (status) status = io::writeTextFile(directory / "simulation.json", optionsText(simulation));
+  if (!status) removeTruth(directory);
+  return status;
 }
 
 }  // namespace

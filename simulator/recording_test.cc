@@ -14,6 +14,7 @@
 #include <opencv2/imgproc.hpp>
 #include <opencv2/videoio.hpp>
 
+#include "io/trajectory.h"
 #include "slam/detection/marker_detection.h"
 #include "tests/temporary_directory.h"
 
@@ -91,18 +92,16 @@ TEST_F(RecordingTest, TruthFilesSayWhatWasSimulated) {
   EXPECT_DOUBLE_EQ(matrix.at<double>(1, 2), camera.cy);
   EXPECT_DOUBLE_EQ(distortion.at<double>(0, 1), camera.distortion[1]);
 
-  std::ifstream trajectory(directory_ / "gt_traj.txt");
-  std::int64_t k = 0;
-  for (double t, x, y, z, qx, qy, qz, qw; trajectory >> t >> x >> y >> z >> qx >> qy >> qz >> qw;
-       ++k) {
-    const slam::Transform truth = simulation_->poseAt(k);
-    const auto read =
-        slam::Transform::fromQuaternion(Eigen::Quaterniond(qw, qx, qy, qz), {x, y, z});
-    EXPECT_NEAR(t, static_cast<double>(k) / 60.0, 1e-9);
-    EXPECT_LT((read.p - truth.p).norm(), 1e-8);
-    EXPECT_LT(slam::rotationDistance(read.R, truth.R), 1e-9);
+  const Result<io::Trajectory> trajectory = io::readTrajectory(directory_ / "gt_traj.txt");
+  ASSERT_TRUE(trajectory) << trajectory.error().message;
+  ASSERT_EQ(trajectory->size(), 6U);
+  for (std::size_t k = 0; k < trajectory->size(); ++k) {
+    const io::StampedPose& read = (*trajectory)[k];
+    const slam::Transform truth = simulation_->poseAt(static_cast<std::int64_t>(k));
+    EXPECT_NEAR(static_cast<double>(read.time_ns), 1e9 * static_cast<double>(k) / 60.0, 1.0);
+    EXPECT_LT((read.T_w_c.p - truth.p).norm(), 1e-8);
+    EXPECT_LT(slam::rotationDistance(read.T_w_c.R, truth.R), 1e-9);
   }
-  EXPECT_EQ(k, 6);
 
   const auto map = nlohmann::json::parse(std::ifstream(directory_ / "gt_map.json"));
   ASSERT_EQ(map["markers"].size(), 47U);  // 48, two of them with one id

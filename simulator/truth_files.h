@@ -3,26 +3,24 @@
 #pragma once
 
 #include <filesystem>
-#include <string>
-#include <string_view>
+#include <vector>
 
 #include "base/result.h"
+#include "io/map_file.h"
+#include "io/trajectory.h"
 #include "simulator/simulation.h"
 
 namespace waymark::simulator {
 
-[[nodiscard]] std::string calibrationText(const slam::Calibration& calibration);
-
 // Where the markers are at the start. Of a doubled id only the original is listed.
-[[nodiscard]] std::string mapText(const Simulation& simulation);
-
-// "t tx ty tz qx qy qz qw\n" of one frame: `seconds` as it stands.
-[[nodiscard]] std::string trajectoryLine(std::string_view seconds, const slam::Transform& T_w_c);
+[[nodiscard]] std::vector<io::MarkerCorners> trueLayout(const Simulation& simulation);
 
 // The whole trajectory, frame k at k / rate.
-[[nodiscard]] std::string trajectoryText(const Simulation& simulation);
+[[nodiscard]] io::Trajectory trueTrajectory(const Simulation& simulation);
 
-// The file appears complete or not at all. An Error names it and the system's reason.
-[[nodiscard]] Status writeWholeFile(const std::filesystem::path& path, std::string_view content);
+// calib.yml and gt_map.json: what is known before the first frame. An Error names the file and the
+// system's reason.
+[[nodiscard]] Status writeStaticTruth(const std::filesystem::path& directory,
+                                      const Simulation& simulation);
 
 }  // namespace waymark::simulator

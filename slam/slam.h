@@ -66,7 +66,8 @@ struct Counters {
   std::uint64_t rejected_poses = 0;    // a pose was computed and refused
 };
 
-// The caller's stopwatch: the SLAM has no clock of its own, so it says when a stage begins and ends.
+// The caller's stopwatch: the SLAM has no clock of its own, so it says when a stage begins and
+// ends.
 enum class Stage { kDetect, kTrack, kMap };
 class StageObserver {
  public:

@@ -3,6 +3,8 @@
 #include <chrono>
 #include <csignal>
 #include <cstdlib>
+#include <filesystem>
+#include <fstream>
 #include <string>
 #include <thread>
 #include <vector>
@@ -13,12 +15,15 @@
 #include <sched.h>
 
 #include "base/unique_fd.h"
-#include "tests/daemon_process.h"
+#include "tests/multicast.h"
+#include "tests/process.h"
 #include "tests/subscriber.h"
+#include "tests/temporary_directory.h"
 
-namespace waymark::tests {
+namespace waymark::testing {
 namespace {
 
+namespace fs = std::filesystem;
 using std::chrono::milliseconds;
 
 constexpr const char* kCalibration = R"(%YAML:1.0
@@ -39,20 +44,20 @@ distortion_coefficients: !!opencv-matrix
 
 const std::string kSlam = "[slam]\ndictionary = \"4X4_50\"\nmarker_size_m = 0.1\n";
 
-class DaemonTest : public testing::Test {
+class DaemonTest : public ::testing::Test {
  protected:
   void SetUp() override {
     if (!ensureMulticastRoute()) GTEST_SKIP() << "no multicast route, and none may be made";
-    directory_.write("calib.yml", kCalibration);
+    write("calib.yml", kCalibration);
   }
 
   // A recording without a marker: what is tested here is the way of frames, not what is in them.
   void writeImages(int count) const {
-    fs::create_directory(directory_.path() / "images");
+    fs::create_directory(directory_ / "images");
     for (int i = 0; i < count; ++i) {
       char name[32];
       std::snprintf(name, sizeof name, "images/%05d.png", i);
-      cv::imwrite((directory_.path() / name).string(), cv::Mat(48, 64, CV_8UC1, cv::Scalar(90)));
+      cv::imwrite((directory_ / name).string(), cv::Mat(48, 64, CV_8UC1, cv::Scalar(90)));
     }
   }
 
@@ -64,10 +69,15 @@ class DaemonTest : public testing::Test {
     return "[publish]\nurl = \"" + url_ + "\"\nchannel_prefix = \"TEST_\"\n";
   }
 
-  std::vector<std::string> command(const std::string& configuration) const {
-    return {WAYMARKD, "--config", directory_.write("waymarkd.toml", configuration).string()};
+  fs::path write(const std::string& name, const std::string& text) const {
+    std::ofstream(directory_ / name) << text;
+    return directory_ / name;
   }
-  fs::path stderrFile() const { return directory_.path() / "stderr"; }
+
+  std::vector<std::string> command(const std::string& configuration) const {
+    return {WAYMARKD, "--config", write("waymarkd.toml", configuration).string()};
+  }
+  fs::path stderrFile() const { return directory_ / "stderr"; }
 
   TemporaryDirectory directory_;
   const std::string url_ = randomUrl();
@@ -91,7 +101,7 @@ TEST_F(DaemonTest, EveryFrameOfARecordingIsAPoseMessageOrACountedDrop) {
   std::map<std::string, std::int64_t> counters = received.counters();
   const std::int64_t dropped = counters["dropped.source_late"] +
                                counters["dropped.source_no_buffer"] + counters["dropped.queue"] +
-                               counters["dropped.publisher"] + counters["unsent.link_down"];
+                               counters["dropped.publisher"] + counters["dropped.unsent"];
 
   EXPECT_EQ(received.undecodable, 0);
   EXPECT_EQ(static_cast<std::int64_t>(poses.size()) + dropped, kFrames);
@@ -119,7 +129,7 @@ TEST_F(DaemonTest, DetectionsCanBeSwitchedOff) {
   EXPECT_TRUE(subscriber.received().detections.empty());
 }
 
-class DaemonStopTest : public DaemonTest, public testing::WithParamInterface<int> {};
+class DaemonStopTest : public DaemonTest, public ::testing::WithParamInterface<int> {};
 
 TEST_P(DaemonStopTest, ASignalStopsItCleanly) {
   writeImages(300);
@@ -132,7 +142,7 @@ TEST_P(DaemonStopTest, ASignalStopsItCleanly) {
   EXPECT_NE(daemon.stderrText().find("stopped after"), std::string::npos) << daemon.stderrText();
 }
 
-INSTANTIATE_TEST_SUITE_P(Signals, DaemonStopTest, testing::Values(SIGTERM, SIGINT));
+INSTANTIATE_TEST_SUITE_P(Signals, DaemonStopTest, ::testing::Values(SIGTERM, SIGINT));
 
 // Moves the calling thread into the network namespace of a process.
 bool enterNetworkOf(pid_t pid) {
@@ -208,7 +218,7 @@ TEST_F(DaemonBadInputTest, ACalibrationForAnotherResolution) {
   writeImages(2);
   std::string calibration = kCalibration;
   calibration.replace(calibration.find("64"), 2, "65");
-  directory_.write("calib.yml", calibration);
+  write("calib.yml", calibration);
   expectRefused(cameraSection(20.0) + kSlam + publishSection(),
                 "the pictures are 64x48, but the calibration is for 65x48");
 }
@@ -232,4 +242,4 @@ TEST_F(DaemonTest, CheckReadsAndExits) {
 }
 
 }  // namespace
-}  // namespace waymark::tests
+}  // namespace waymark::testing

@@ -2,7 +2,7 @@
 
 #include <stdexcept>
 
-namespace waymark::tests {
+namespace waymark::testing {
 namespace {
 
 template <typename Message>
@@ -82,4 +82,4 @@ void Subscriber::onMessage(const lcm_recv_buf_t* buffer, const char* channel, vo
   }
 }
 
-}  // namespace waymark::tests
+}  // namespace waymark::testing

@@ -12,15 +12,15 @@
 #include <thread>
 #include <vector>
 
+#include <bot_core/pose_t.hpp>
 #include <lcm/lcm.h>
 
-#include <bot_core/pose_t.hpp>
 #include <waymark/detections_t.hpp>
 #include <waymark/health_t.hpp>
 #include <waymark/map_t.hpp>
 #include <waymark/pose_t.hpp>
 
-namespace waymark::tests {
+namespace waymark::testing {
 
 struct Received {
   std::vector<pose_t> poses;
@@ -60,4 +60,4 @@ class Subscriber {
   std::thread thread_;
 };
 
-}  // namespace waymark::tests
+}  // namespace waymark::testing

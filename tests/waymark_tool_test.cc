@@ -12,7 +12,7 @@
 #include <opencv2/videoio.hpp>
 
 #include "io/calibration_file.h"
-#include "tests/run_program.h"
+#include "tests/process.h"
 #include "tests/temporary_directory.h"
 
 namespace waymark {
@@ -27,7 +27,8 @@ constexpr int kWidth = 160;
 constexpr int kHeight = 120;
 
 ProgramResult waymark(std::vector<std::string> arguments) {
-  return testing::runProgram(WAYMARK_PROGRAM, std::move(arguments));
+  arguments.insert(arguments.begin(), WAYMARK_PROGRAM);
+  return testing::runProgram(arguments);
 }
 
 // A directory with a calibration and a video without markers.
@@ -133,10 +134,35 @@ TEST_F(WaymarkTool, BadCalibrations) {
 
 TEST_F(WaymarkTool, BadMarkers) {
   expectBadInput(run(video(), {{"--dictionary", "APRILTAG_99"}}),
-                 "'APRILTAG_99' is unknown; known: 4X4_100");
+                 "--dictionary: \"APRILTAG_99\" is not a known dictionary; known are 4X4_100");
   for (const char* size : {"0", "-0.1", "big", "5cm", "nan", "inf"}) {
     expectBadInput(run(video(), {{"--marker-size", size}}), "--marker-size");
   }
+}
+
+// The options that `run` cannot do without come from the file or the command line, which wins.
+TEST_F(WaymarkTool, ConfigurationFile) {
+  const std::string config = (directory_ / "w.toml").string();
+  const auto runWith = [&](const std::string& text, std::vector<std::string> options = {}) {
+    std::ofstream(config) << text;
+    options.insert(options.begin(), {"run", video(), "--config", config, "--calibration",
+                                     (directory_ / "calib.yml").string()});
+    return waymark(options);
+  };
+  const std::string slam = "[slam]\ndictionary = '4X4_50'\nmarker_size_m = 0.1\n";
+  EXPECT_EQ(runWith("[camera]\nsource = 'sim:walls'\n" + slam).exit_code, 3);
+  EXPECT_EQ(runWith("[slam]\nmarker_size_m = 0.1\n", {"--dictionary", "4X4_50"}).exit_code, 3);
+  expectBadInput(runWith(slam, {"--dictionary", "5X5"}), "--dictionary: \"5X5\"");
+  expectBadInput(runWith(slam, {"--marker-size", "0"}), "--marker-size: '0'");
+  expectBadInput(runWith("[slam]\nmarker_size_m = 0.1\n"),
+                 "--dictionary is required here or in " + config);
+  expectBadInput(runWith("[slam]\ndictionary = '4X4_50'\n"), "--marker-size is required");
+  expectBadInput(runWith(slam + "colour = 1\n"), "w.toml:4:1: slam.colour: unknown key");
+  expectBadInput(runWith("[slam\n"), "w.toml:1:");
+  expectBadInput(runWith(slam + "[slam.detector]\nscanner.threshold_window_px = 16\n"),
+                 "w.toml: slam: threshold window must be odd");
+  expectBadInput(waymark({"run", video(), "--config", "/nowhere.toml", "--calibration", "c.yml"}),
+                 "/nowhere.toml: cannot be read");
 }
 
 TEST_F(WaymarkTool, OutputsThatCannotBeWritten) {

@@ -10,7 +10,7 @@
 #include <CLI/CLI.hpp>
 #include <lcm/lcm.h>
 
-#include "daemon/clock.h"
+#include "base/clock.h"
 #include "daemon/configuration.h"
 #include "daemon/lcm_link.h"
 #include "daemon/stop_signal.h"
@@ -21,6 +21,7 @@
 #include "tools/exit_code.h"
 #include "tools/live_map.h"
 #include "tools/pose_stream.h"
+#include <waymark/health_t.hpp>
 #include <waymark/map_t.hpp>
 #include <waymark/pose_t.hpp>
 
@@ -100,6 +101,7 @@ class Echo {
   Status subscribe(lcm_t* lcm, const char* channel, lcm_msg_handler_t handler);
   void receivePose(const lcm_recv_buf_t& buffer);
   void receiveMap(const lcm_recv_buf_t& buffer);
+  void receiveHealth(const lcm_recv_buf_t& buffer);
   void print();
   [[nodiscard]] bool over(std::int64_t begin_ns) const;
   [[nodiscard]] Status writeFiles() const;
@@ -110,6 +112,7 @@ class Echo {
   io::Trajectory trajectory_;  // for the picture
   pose_t pose_{};
   map_t map_piece_{};
+  health_t health_{};
   std::optional<std::int64_t> first_utime_;  // of the first frame received
   std::int64_t next_line_ns_ = 0;            // monotonic
 };
@@ -128,6 +131,13 @@ Result<ExitCode> Echo::run() {
         static_cast<Echo*>(self)->receivePose(*buffer);
       });
   if (!poses) return poses.error();
+  if (options_.stats) {
+    const Status healths =
+        subscribe(lcm.get(), "HEALTH", [](const auto* buffer, const char*, void* self) {
+          static_cast<Echo*>(self)->receiveHealth(*buffer);
+        });
+    if (!healths) return healths.error();
+  }
   if (!options_.map_file.empty() || !options_.picture_file.empty()) {
     const Status maps =
         subscribe(lcm.get(), "MAP", [](const auto* buffer, const char*, void* self) {
@@ -136,7 +146,7 @@ Result<ExitCode> Echo::run() {
     if (!maps) return maps.error();
   }
 
-  const std::int64_t begin_ns = daemon::monotonicNs();
+  const std::int64_t begin_ns = monotonicNs();
   while (!stop.pending() && !over(begin_ns)) {
     if (lcm_handle_timeout(lcm.get(), 20) < 0) {
       return Error{options_.url + ": receiving failed"};
@@ -156,13 +166,13 @@ Status Echo::subscribe(lcm_t* lcm, const char* name, lcm_msg_handler_t handler) 
 }
 
 bool Echo::over(std::int64_t begin_ns) const {
-  const double elapsed_s = 1e-9 * static_cast<double>(daemon::monotonicNs() - begin_ns);
+  const double elapsed_s = 1e-9 * static_cast<double>(monotonicNs() - begin_ns);
   return (options_.count > 0 && stream_.messages() >= options_.count) ||
          (options_.duration_s > 0.0 && elapsed_s >= options_.duration_s);
 }
 
 void Echo::receivePose(const lcm_recv_buf_t& buffer) {
-  const std::int64_t now_ns = daemon::monotonicNs();
+  const std::int64_t now_ns = monotonicNs();
   if (!decode(buffer, &pose_)) return stream_.addMalformed();
   stream_.add(pose_, now_ns);
   if (!first_utime_ && pose_.status != pose_t::STATUS_NO_CAMERA) first_utime_ = pose_.utime;
@@ -178,6 +188,11 @@ void Echo::receivePose(const lcm_recv_buf_t& buffer) {
 
 void Echo::receiveMap(const lcm_recv_buf_t& buffer) {
   if (!decode(buffer, &map_piece_) || !map_.add(map_piece_)) stream_.addMalformed();
+}
+
+void Echo::receiveHealth(const lcm_recv_buf_t& buffer) {
+  if (!decode(buffer, &health_)) return stream_.addMalformed();
+  stream_.add(health_);
 }
 
 void Echo::print() {

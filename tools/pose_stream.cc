@@ -1,14 +1,15 @@
 #include "tools/pose_stream.h"
 
 #include <cstdio>
+#include <string_view>
 
-#include "daemon/frame_statistics.h"
+#include "base/quantile.h"
 
 namespace waymark::tools {
 namespace {
 
 std::string latencyLine(const char* what, std::vector<std::int64_t> samples_ns) {
-  const daemon::Quantiles q = daemon::quantiles(samples_ns);
+  const TimeQuantiles q = timeQuantiles(samples_ns);
   char line[160];
   std::snprintf(line, sizeof line, "%s: median %.3f ms, p99 %.3f ms, max %.3f ms\n", what,
                 1e-6 * static_cast<double>(q.median), 1e-6 * static_cast<double>(q.p99),
@@ -36,6 +37,17 @@ void PoseStream::add(const pose_t& pose, std::int64_t received_ns) {
   receive_latency_ns_.push_back(received_ns - pose.monotonic_ns);
 }
 
+// "3 queue, 0 publisher": every cause of a lost frame.
+void PoseStream::add(const health_t& health) {
+  constexpr std::string_view kDropped = "dropped.";
+  drops_.clear();
+  for (const counter_t& counter : health.counters) {
+    if (!counter.name.starts_with(kDropped)) continue;
+    drops_ += (drops_.empty() ? "" : ", ") + std::to_string(counter.value) + " " +
+              counter.name.substr(kDropped.size());
+  }
+}
+
 std::string PoseStream::summary(const std::string& prefix) const {
   const auto count = [](std::int64_t n) { return std::to_string(n); };
   const double seconds = 1e-9 * static_cast<double>(last_ns_ - first_ns_);
@@ -51,6 +63,7 @@ std::string PoseStream::summary(const std::string& prefix) const {
   std::string text = prefix + "messages: " + count(messages_) +
                      ", missing frames: " + count(missing_) + ", restarts: " + count(restarts_) +
                      ", malformed: " + count(malformed_) + "\n";
+  if (!drops_.empty()) text += prefix + "dropped by the daemon since its start: " + drops_ + "\n";
   text += prefix + share + prefix + rate;
   text += prefix + latencyLine("capture to publication", publish_latency_ns_);
   text += prefix + latencyLine("capture to receipt (same computer)", receive_latency_ns_);

@@ -45,6 +45,27 @@ TEST(PoseStream, ARestartedDaemonIsNoGap) {
   EXPECT_NE(stream.summary("").find("restarts: 1"), std::string::npos);
 }
 
+TEST(PoseStream, TellsWhereTheDaemonLostFrames) {
+  PoseStream stream;
+  stream.add(poseOf(0, true), 0);
+  EXPECT_EQ(stream.summary("").find("dropped"), std::string::npos) << "nobody has said so yet";
+  health_t health{};
+  const auto count = [&health](const char* name, std::int64_t value) {
+    health.counters.emplace_back();
+    health.counters.back().name = name;
+    health.counters.back().value = value;
+  };
+  count("camera.frames", 100);
+  count("dropped.source_late", 2);
+  count("dropped.queue", 7);
+  stream.add(health);
+  stream.add(health);
+  EXPECT_NE(stream.summary("# ").find("\n# dropped by the daemon since its start: 2 source_late, 7 "
+                                      "queue\n"),
+            std::string::npos)
+      << stream.summary("# ");
+}
+
 TEST(PoseStream, NothingReceivedIsNoDivisionByZero) {
   EXPECT_EQ(PoseStream().summary("").find("nan"), std::string::npos);
 }

@@ -3,22 +3,17 @@
 #include <algorithm>
 #include <cstddef>
 #include <cstdio>
-#include <ctime>
 #include <string>
 
 #include <unistd.h>
+
+#include "base/clock.h"
 
 namespace waymark::tools {
 namespace {
 
 constexpr std::int64_t kInterval_ns = 100'000'000;
 constexpr std::size_t kBarWidth = 28;  // characters
-
-std::int64_t now_ns() {
-  timespec time{};
-  clock_gettime(CLOCK_MONOTONIC, &time);
-  return static_cast<std::int64_t>(time.tv_sec) * 1'000'000'000 + time.tv_nsec;
-}
 
 std::string bar(double fraction) {
   const auto full =
@@ -33,25 +28,28 @@ std::string bar(double fraction) {
 }  // namespace
 
 ProgressBar::ProgressBar(std::optional<std::int64_t> total, bool wanted)
-    : total_(total), active_(wanted && ::isatty(STDERR_FILENO) == 1), started_ns_(now_ns()) {}
+    : total_(total), active_(wanted && ::isatty(STDERR_FILENO) == 1), started_ns_(monotonicNs()) {}
 
 ProgressBar::~ProgressBar() {
   if (drawn_) std::fputs("\r\033[K", stderr);
 }
 
-void ProgressBar::update(const Progress& progress) {
+void ProgressBar::update(std::int64_t frames, const std::function<std::string()>& more) {
   if (!active_) return;
-  const std::int64_t now = now_ns();
+  const std::int64_t now = monotonicNs();
   if (now < next_ns_) return;
   next_ns_ = now + kInterval_ns;
   const double seconds = std::max(1e-9 * static_cast<double>(now - started_ns_), 1e-6);
-  const auto frames = static_cast<double>(progress.frames);
   std::string line = "\r\033[K";
-  if (total_ && *total_ > 0) line += bar(frames / static_cast<double>(*total_));
-  char text[128];
-  std::snprintf(text, sizeof text, "%zu frames  %.0f fps  localized %.1f %%  %zu markers",
-                progress.frames, frames / seconds, progress.localized_percent, progress.markers);
-  std::fputs((line + text).c_str(), stderr);
+  if (total_ && *total_ > 0) {
+    line += bar(static_cast<double>(frames) / static_cast<double>(*total_));
+  }
+  char text[80];
+  std::snprintf(text, sizeof text, "%lld frames  %.0f fps", static_cast<long long>(frames),
+                static_cast<double>(frames) / seconds);
+  line += text;
+  if (more) line += "  " + more();
+  std::fputs(line.c_str(), stderr);
   std::fflush(stderr);
   drawn_ = true;
 }

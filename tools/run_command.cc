@@ -14,6 +14,7 @@
 #include "io/map_file.h"
 #include "io/map_picture.h"
 #include "io/number_text.h"
+#include "io/slam_settings.h"
 #include "io/text_file.h"
 #include "slam/slam.h"
 #include "tools/exit_code.h"
@@ -30,6 +31,7 @@ struct RunArguments {
   std::string calibration;
   std::string dictionary;
   std::string marker_size;  // as typed; metres
+  std::string config;
   std::string out;
   std::optional<double> fps;
   bool no_global = false;
@@ -46,30 +48,40 @@ struct RunSetup {
   std::optional<io::OutputDirectory> output;
 };
 
-Result<slam::Dictionary> findDictionary(const std::string& name) {
-  if (auto dictionary = slam::Dictionary::byName(name)) return std::move(*dictionary);
-  std::string message = "--dictionary: '" + name + "' is unknown; known:";
-  for (const std::string& known : slam::Dictionary::names()) message += " " + known;
-  return Error{message};
-}
-
-Result<slam::Options> slamOptions(const RunArguments& arguments) {
-  const std::optional<double> size_m = io::parseDouble(arguments.marker_size);
-  if (!size_m || !(*size_m > 0.0)) {
-    return Error{"--marker-size: '" + arguments.marker_size +
-                 "' must be a positive number of metres"};
+// From the configuration file, where there is one, and the command line, which wins.
+Result<io::SlamSettings> slamSettings(const RunArguments& arguments) {
+  io::SlamSettings settings;
+  if (!arguments.config.empty()) {
+    Result<io::SlamSettings> read = io::readSlamSettings(arguments.config);
+    if (!read) return read.error();
+    settings = std::move(read).value();
   }
-  slam::Options options;
-  options.marker_size_m = *size_m;
-  if (const std::string reason = options.invalidReason(); !reason.empty()) return Error{reason};
-  return options;
+  const std::string where = arguments.config.empty() ? "" : " here or in " + arguments.config;
+  if (!arguments.dictionary.empty()) {
+    if (const auto objection = io::objectToDictionary(arguments.dictionary)) {
+      return Error{"--dictionary: " + *objection};
+    }
+    settings.dictionary = arguments.dictionary;
+  }
+  if (settings.dictionary.empty()) return Error{"--dictionary is required" + where};
+  if (!arguments.marker_size.empty()) {
+    const std::optional<double> size_m = io::parseDouble(arguments.marker_size);
+    if (!size_m || !(*size_m > 0.0)) {
+      return Error{"--marker-size: '" + arguments.marker_size +
+                   "' must be a positive number of metres"};
+    }
+    settings.options.marker_size_m = *size_m;
+  }
+  if (settings.options.marker_size_m == 0.0) return Error{"--marker-size is required" + where};
+  if (const std::string reason = settings.options.invalidReason(); !reason.empty()) {
+    return Error{(arguments.config.empty() ? "" : arguments.config + ": slam: ") + reason};
+  }
+  return settings;
 }
 
 Result<RunSetup> prepare(const RunArguments& arguments) {
-  Result<slam::Options> options = slamOptions(arguments);
-  if (!options) return options.error();
-  Result<slam::Dictionary> dictionary = findDictionary(arguments.dictionary);
-  if (!dictionary) return dictionary.error();
+  const Result<io::SlamSettings> settings = slamSettings(arguments);
+  if (!settings) return settings.error();
   const Result<slam::Calibration> calibration = io::readCalibration(arguments.calibration);
   if (!calibration) return calibration.error();
   const slam::CameraModel camera(*calibration);
@@ -85,8 +97,8 @@ Result<RunSetup> prepare(const RunArguments& arguments) {
     if (!opened) return opened.error();
     output.emplace(std::move(opened).value());
   }
-  return RunSetup{camera, std::move(dictionary).value(), *options, std::move(input).value(),
-                  std::move(output)};
+  return RunSetup{camera, *slam::Dictionary::byName(settings->dictionary), settings->options,
+                  std::move(input).value(), std::move(output)};
 }
 
 Status processAll(RunInput& input, slam::Slam& slam, StageTimer& timer, bool show_progress,
@@ -97,7 +109,10 @@ Status processAll(RunInput& input, slam::Slam& slam, StageTimer& timer, bool sho
     if (!step) return step.error();
     if (!step.value()) return success();
     record->add((*step)->time_ns, (*step)->result);
-    bar.update({record->frames(), record->localizedPercent(), slam.map().markers.size()});
+    bar.update(static_cast<std::int64_t>(record->frames()), [&] {
+      return "localized " + io::fixed(record->localizedPercent(), 1) + " %  " +
+             std::to_string(slam.map().markers.size()) + " markers";
+    });
   }
 }
 
@@ -158,13 +173,14 @@ void addRunCommand(CLI::App& app, int* exit_code) {
                    "with lines FILE SECONDS, or --fps, for times), or a detections.csv")
       ->required();
   command->add_option("--calibration", arguments->calibration, "Camera, OpenCV YAML")->required();
-  command
-      ->add_option("--dictionary", arguments->dictionary, "Marker dictionary, e.g. APRILTAG_36h11")
-      ->required();
-  command
-      ->add_option("--marker-size", arguments->marker_size,
-                   "Side of the printed black square, metres")
-      ->required();
+  command->add_option("--dictionary", arguments->dictionary,
+                      "Marker dictionary, e.g. APRILTAG_36h11");
+  command->add_option("--marker-size", arguments->marker_size,
+                      "Side of the printed black square, metres");
+  command->add_option(
+      "--config", arguments->config,
+      "Take the section [slam] of this configuration file (waymarkd's); the command "
+      "line wins");
   command->add_option("--out", arguments->out,
                       "Directory for trajectory.tum, trajectory_final.tum, map.json, map.svg and "
                       "stats.json");

@@ -5,6 +5,7 @@
 #include <utility>
 #include <variant>
 
+#include "base/image_view.h"
 #include "capture/open_source.h"
 #include "io/recorded_detections.h"
 
@@ -79,10 +80,6 @@ class DetectionsInput final : public RunInput {
   std::string description_;
   std::size_t next_ = 0;
 };
-
-std::string sizeText(int width, int height) {
-  return std::to_string(width) + "x" + std::to_string(height);
-}
 
 }  // namespace
 

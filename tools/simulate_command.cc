@@ -4,7 +4,6 @@
 #include <charconv>
 #include <cmath>
 #include <cstdio>
-#include <functional>
 #include <memory>
 #include <optional>
 #include <string>
@@ -13,11 +12,11 @@
 #include <vector>
 
 #include <CLI/CLI.hpp>
-#include <unistd.h>
 
 #include "simulator/recording.h"
 #include "simulator/simulation.h"
 #include "tools/exit_code.h"
+#include "tools/progress_bar.h"
 
 namespace waymark::tools {
 namespace {
@@ -93,25 +92,14 @@ Status parseCompound(Arguments* a) {
   return success();
 }
 
-// On a terminal only.
-std::function<void(std::int64_t)> progressBar(const Arguments& a, std::int64_t total) {
-  if (a.quiet || isatty(STDERR_FILENO) == 0) return {};
-  return [total](std::int64_t done) {
-    constexpr int kWidth = 40;
-    const int filled = static_cast<int>(kWidth * done / total);
-    std::fprintf(stderr, "\r[%s%s] %lld/%lld frames%s", std::string(filled, '#').c_str(),
-                 std::string(kWidth - filled, ' ').c_str(), static_cast<long long>(done),
-                 static_cast<long long>(total), done == total ? "\n" : "");
-  };
-}
-
 Status simulate(Arguments* a) {
   if (Status status = parseCompound(a); !status) return status;
   const auto simulation = simulator::Simulation::create(a->options, simulator::Ending::kOfTheScene);
   if (!simulation) return simulation.error();
   a->recording.directory = a->out;
   a->recording.threads = static_cast<int>(std::max(1U, std::thread::hardware_concurrency()));
-  a->recording.progress = progressBar(*a, (*simulation)->frameCount());
+  ProgressBar bar((*simulation)->frameCount(), /*wanted=*/!a->quiet);
+  a->recording.progress = [&bar](std::int64_t frames_done) { bar.update(frames_done); };
   return simulator::record(**simulation, a->recording);
 }
 

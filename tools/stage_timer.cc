@@ -1,11 +1,13 @@
 #include "tools/stage_timer.h"
 
 #include <algorithm>
-#include <cmath>
 #include <ctime>
 #include <numeric>
+#include <span>
 
 #include <nlohmann/json.hpp>
+
+#include "base/quantile.h"
 
 namespace waymark::tools {
 namespace {
@@ -28,16 +30,13 @@ nlohmann::ordered_json toJson(const std::vector<double>& times_ms) {
 TimeSummary summarise(std::vector<double> times) {
   if (times.empty()) return {};
   std::sort(times.begin(), times.end());
-  const auto count = static_cast<double>(times.size());
-  const auto percentile = [&](double fraction) {
-    const auto rank = static_cast<std::size_t>(std::ceil(fraction * count));
-    return times[std::clamp<std::size_t>(rank, 1, times.size()) - 1];
-  };
-  return {.mean = std::accumulate(times.begin(), times.end(), 0.0) / count,
-          .median = percentile(0.5),
-          .p99 = percentile(0.99),
-          .p999 = percentile(0.999),
-          .max = times.back()};
+  const std::span<const double> sorted(times);
+  return {
+      .mean = std::accumulate(times.begin(), times.end(), 0.0) / static_cast<double>(times.size()),
+      .median = quantile(sorted, 500),
+      .p99 = quantile(sorted, 990),
+      .p999 = quantile(sorted, 999),
+      .max = times.back()};
 }
 
 StageTimer::Reading StageTimer::now() {

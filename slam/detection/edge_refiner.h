@@ -1,40 +1,31 @@
 // Sub-pixel corners of a marker: a line is fitted to the grey-level edge along each side, in
-// undistorted coordinates, and the corners are the lines' intersections.
-//
-// The edge is modelled as what a camera makes of it: a step between two grey levels, blurred by a
-// symmetric point spread. The maximum-likelihood position of that step needs no gradient threshold
-// and has no bias towards the dark or the light side. Where the marker's code is known, so is the
-// first ring of cells inside the black border, and its edges are part of the model: on small
-// markers they lie within the blur of the outer edge.
+// undistorted coordinates (edge_fit.h), and the corners are the lines' intersections.
 #pragma once
 
 #include <array>
 #include <cstdint>
 #include <optional>
+#include <vector>
 
 #include <Eigen/Core>
 
 #include "base/image_view.h"
 #include "slam/detection/dictionary.h"
+#include "slam/detection/edge_fit.h"
+#include "slam/detection/marker_side.h"
 #include "slam/detection/undistortion_table.h"
 #include "slam/geometry/camera_model.h"
 
 namespace waymark::slam {
 
 struct EdgeRefinerOptions {
-  int iterations = 5;  // at most, per pass; two or three are usual
+  EdgeFitOptions fit;
+  // Blur to start from where none is known, standard deviation in pixels.
+  double initial_blur_px = 0.9;
   // Rows of pixels across a side that are used, at most: few to decide whether a candidate is a
   // marker at all, more for its corners. More costs time and averages more noise.
   int rows_rough = 16;
   int rows_fine = 64;
-  // Blur to start from, standard deviation in pixels; it is estimated from there.
-  double initial_blur_px = 0.9;
-  double min_blur_px = 0.45;  // a pixel's own extent and any lens
-  double max_blur_px = 4.0;   // beyond it there is no edge to speak of
-  // Least step between black border and surroundings, grey levels.
-  double min_contrast = 15.0;
-  // Farthest a side may move from the first guess, pixels.
-  double max_shift_px = 3.0;
   // A fit that moved a side by more than this is done again around the new place, pixels.
   double settled_shift_px = 0.5;
   // Error of a corner that the grey levels do not show (print, paper, lens model), pixels.
@@ -48,6 +39,10 @@ struct InnerRing {
   std::array<std::uint32_t, 4> white{};
 
   [[nodiscard]] static InnerRing of(const Dictionary& dictionary, int id);
+
+  // How white the ring is behind side `side` at print coordinate u (cells from the border's start),
+  // blurred by blur_cells.
+  [[nodiscard]] float whiteness(std::size_t side, double u, double blur_cells) const;
 };
 
 struct RefinedQuad {
@@ -72,20 +67,17 @@ class EdgeRefiner {
   [[nodiscard]] std::optional<RefinedQuad> refine(const ImageView& image,
                                                   const std::array<Eigen::Vector2d, 4>& corners_px,
                                                   int cells, const InnerRing* ring,
-                                                  std::optional<double> blur_px = {}) const;
+                                                  std::optional<double> blur_px = {});
 
  private:
-  struct Side;
-  struct SideFit;
-  [[nodiscard]] std::optional<std::array<Side, 4>> layOut(
-      const std::array<Eigen::Vector2d, 4>& normalised, int cells) const;
-  [[nodiscard]] std::optional<SideFit> fitSide(const ImageView& image, const Side& side,
-                                               const InnerRing* ring, int index,
-                                               const SideFit& start) const;
+  // Fills samples_ with the pixels near a side.
+  void collectSamples(const ImageView& image, const MarkerSide& side, std::size_t index,
+                      const InnerRing* ring, double blur_px);
 
   const CameraModel& camera_;
   const UndistortionTable& table_;
   EdgeRefinerOptions options_;
+  std::vector<EdgeSample> samples_;  // reused from side to side
 };
 
 }  // namespace waymark::slam

@@ -1,5 +1,5 @@
-// From a simulated camera to the errors of what subscribers got: every program in its own process,
-// as scripts/demo does it.
+// `waymark echo` as scripts/demo uses it: from a simulated camera to the errors of what a
+// subscriber got, every program in its own process.
 #include <algorithm>
 #include <chrono>
 #include <csignal>
@@ -11,15 +11,14 @@
 #include <gtest/gtest.h>
 #include <nlohmann/json.hpp>
 
-#include "tests/daemon_process.h"
-#include "tests/run_program.h"
+#include "tests/multicast.h"
+#include "tests/process.h"
+#include "tests/temporary_directory.h"
 
-namespace waymark::tests {
+namespace waymark::testing {
 namespace {
 
-using testing::ProgramResult;
-
-class LiveTest : public ::testing::Test {
+class EchoTest : public ::testing::Test {
  protected:
   void SetUp() override {
     if (!ensureMulticastRoute()) GTEST_SKIP() << "no multicast route, and none may be made";
@@ -32,33 +31,33 @@ class LiveTest : public ::testing::Test {
         "[slam]\ndictionary = \"ARUCO_MIP_36h12\"\nmarker_size_m = 0.2\n"
         "[publish]\nurl = \"" +
         url_ + "\"\n";
-    return {WAYMARKD, "--config", directory_.write("waymarkd.toml", configuration).string()};
+    std::ofstream(file("waymarkd.toml")) << configuration;
+    return {WAYMARKD, "--config", file("waymarkd.toml")};
   }
-  std::string file(const char* name) const { return (directory_.path() / name).string(); }
+  std::string file(const char* name) const { return (directory_ / name).string(); }
   ProgramResult echo(std::vector<std::string> options) const {
-    options.insert(options.begin(), {"echo", "--url", url_, "--count", "45"});
-    return testing::runProgram(WAYMARK_PROGRAM, std::move(options));
+    options.insert(options.begin(), {WAYMARK_PROGRAM, "echo", "--url", url_, "--count", "45"});
+    return runProgram(options);
   }
 
   const TemporaryDirectory directory_;
   const std::string url_ = randomUrl();
 };
 
-TEST_F(LiveTest, WhatASubscriberGetsIsNearTheTruth) {
+TEST_F(EchoTest, WhatASubscriberGetsIsNearTheTruth) {
   Process daemon(daemonCommand(), file("log"));
   const ProgramResult echoed =
       echo({"--tum", "--stats", "--map", file("map.json"), "--picture", file("map.svg")});
   ASSERT_EQ(echoed.exit_code, 0) << echoed.err << daemon.stderrText();
   EXPECT_NE(echoed.out.find("# messages: 45"), std::string::npos) << echoed.out;
-  EXPECT_NE(testing::readFile(file("map.svg")).find("<svg"), std::string::npos);
+  EXPECT_NE(readFile(file("map.svg")).find("<svg"), std::string::npos);
   daemon.signal(SIGTERM);
   ASSERT_EQ(daemon.wait(std::chrono::milliseconds(5000)), 0) << daemon.stderrText();
 
   std::ofstream(file("estimate.tum")) << echoed.out;
-  const ProgramResult evaluated =
-      testing::runProgram(WAYMARK_PROGRAM, {"eval", "--json", "--truth", file("truth/gt_traj.txt"),
-                                            "--estimate", file("estimate.tum"), "--truth-map",
-                                            file("truth/gt_map.json"), "--map", file("map.json")});
+  const ProgramResult evaluated = runProgram(
+      {WAYMARK_PROGRAM, "eval", "--json", "--truth", file("truth/gt_traj.txt"), "--estimate",
+       file("estimate.tum"), "--truth-map", file("truth/gt_map.json"), "--map", file("map.json")});
   ASSERT_EQ(evaluated.exit_code, 0) << evaluated.err;
   const nlohmann::json errors = nlohmann::json::parse(evaluated.out);
   EXPECT_GE(errors["matched"].get<int>(), 20);
@@ -68,7 +67,7 @@ TEST_F(LiveTest, WhatASubscriberGetsIsNearTheTruth) {
   EXPECT_LT(errors["ace_m"]["rms"].get<double>(), 0.03);
 }
 
-TEST_F(LiveTest, TimesCountFromTheFirstFrameAndLinesAreThinnedOut) {
+TEST_F(EchoTest, TimesCountFromTheFirstFrameAndLinesAreThinnedOut) {
   const Process daemon(daemonCommand(), file("log"));
   const ProgramResult echoed = echo({"--tum", "--from-start", "--interval", "0.3"});
   ASSERT_EQ(echoed.exit_code, 0) << echoed.err << daemon.stderrText();
@@ -79,4 +78,4 @@ TEST_F(LiveTest, TimesCountFromTheFirstFrameAndLinesAreThinnedOut) {
 }
 
 }  // namespace
-}  // namespace waymark::tests
+}  // namespace waymark::testing

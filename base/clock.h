@@ -4,7 +4,7 @@
 #include <chrono>
 #include <cstdint>
 
-namespace waymark::daemon {
+namespace waymark {
 
 // CLOCK_MONOTONIC, nanoseconds: the clock of frame stamps, so that differences are latencies.
 [[nodiscard]] inline std::int64_t monotonicNs() {
@@ -18,4 +18,4 @@ namespace waymark::daemon {
   return duration_cast<microseconds>(system_clock::now().time_since_epoch()).count();
 }
 
-}  // namespace waymark::daemon
+}  // namespace waymark

@@ -1,49 +1,41 @@
-#include "tests/daemon_process.h"
-
-#include <fcntl.h>
-#include <sched.h>
-#include <spawn.h>
-#include <sys/wait.h>
-#include <unistd.h>
+#include "tests/process.h"
 
 #include <csignal>
 #include <cstdlib>
 #include <fstream>
 #include <iterator>
-#include <random>
 #include <stdexcept>
 #include <thread>
 #include <utility>
 
-#include "daemon/lcm_link.h"
+#include <fcntl.h>
+#include <spawn.h>
+#include <sys/wait.h>
+#include <unistd.h>
 
-namespace waymark::tests {
+#include "tests/temporary_directory.h"
+
+namespace waymark::testing {
 
 using std::chrono::milliseconds;
 using std::chrono::steady_clock;
 
-TemporaryDirectory::TemporaryDirectory() {
-  std::string pattern = (fs::temp_directory_path() / "waymark_XXXXXX").string();
-  if (mkdtemp(pattern.data()) == nullptr) throw std::runtime_error("mkdtemp: " + pattern);
-  path_ = pattern;
+std::string readFile(const std::filesystem::path& path) {
+  std::ifstream stream(path, std::ios::binary);
+  return {std::istreambuf_iterator<char>(stream), {}};
 }
 
-TemporaryDirectory::~TemporaryDirectory() {
-  std::error_code ignored;
-  fs::remove_all(path_, ignored);
-}
-
-fs::path TemporaryDirectory::write(const std::string& name, const std::string& text) const {
-  std::ofstream(path_ / name) << text;
-  return path_ / name;
-}
-
-Process::Process(const std::vector<std::string>& command, fs::path stderr_file)
+Process::Process(const std::vector<std::string>& command, std::filesystem::path stderr_file,
+                 const std::filesystem::path& stdout_file)
     : stderr_file_(std::move(stderr_file)) {
   posix_spawn_file_actions_t files;
   posix_spawn_file_actions_init(&files);
   posix_spawn_file_actions_addopen(&files, STDERR_FILENO, stderr_file_.c_str(),
                                    O_WRONLY | O_CREAT | O_TRUNC, 0600);
+  if (!stdout_file.empty()) {
+    posix_spawn_file_actions_addopen(&files, STDOUT_FILENO, stdout_file.c_str(),
+                                     O_WRONLY | O_CREAT | O_TRUNC, 0600);
+  }
   std::vector<char*> arguments;
   arguments.reserve(command.size() + 1);
   for (const std::string& word : command) arguments.push_back(const_cast<char*>(word.c_str()));
@@ -76,24 +68,12 @@ std::optional<int> Process::wait(milliseconds timeout) {
   return exit_code_;
 }
 
-std::string Process::stderrText() const {
-  std::ifstream file(stderr_file_);
-  return {std::istreambuf_iterator<char>(file), {}};
+ProgramResult runProgram(const std::vector<std::string>& command) {
+  constexpr std::chrono::minutes kPatience(10);
+  const TemporaryDirectory directory;
+  Process process(command, directory / "err", directory / "out");
+  const int exit_code = process.wait(kPatience).value_or(-1);
+  return {exit_code, readFile(directory / "out"), readFile(directory / "err")};
 }
 
-std::string randomUrl() {
-  std::random_device random;
-  const unsigned port = 20'000 + random() % 40'000;
-  return "udpm://239.255.76.67:" + std::to_string(port) + "?ttl=0";
-}
-
-bool ensureMulticastRoute() {
-  const auto address = daemon::multicastAddress(randomUrl());
-  if (daemon::hasRoute(*address)) return true;
-  if (unshare(CLONE_NEWNET) != 0) return false;
-  return std::system("ip link set lo up && ip link set lo multicast on && "
-                     "ip route add 224.0.0.0/4 dev lo") == 0 &&
-         daemon::hasRoute(*address);
-}
-
-}  // namespace waymark::tests
+}  // namespace waymark::testing

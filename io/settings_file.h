@@ -1,0 +1,73 @@
+// Settings from TOML files, checked key by key before anything starts.
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <functional>
+#include <optional>
+#include <span>
+#include <string>
+#include <string_view>
+#include <utility>
+#include <vector>
+
+#include "base/result.h"
+
+namespace waymark::io {
+
+// A value as it stands in the file; only settings_file.cc looks inside.
+class SettingValue;
+
+// Why a value cannot be; empty when it can.
+using Objection = std::optional<std::string>;
+
+// One key: what its value may be, and where it goes. The target must outlive the setting.
+struct Setting {
+  std::string key;  // with its sections: "camera.simulator.seed"
+  std::function<Objection(const SettingValue&)> read;
+  bool required = false;
+};
+
+[[nodiscard]] Setting required(Setting setting);
+
+// Text in quotes, not empty; `object` may have more to say about it.
+using TextCheck = std::function<Objection(const std::string&)>;
+[[nodiscard]] Setting textSetting(std::string key, std::string& target, TextCheck object = nullptr);
+[[nodiscard]] Setting pathSetting(std::string key, std::filesystem::path& target);
+
+[[nodiscard]] Setting flagSetting(std::string key, bool& target);
+
+// A whole number from `least` to `most`.
+[[nodiscard]] Setting integerSetting(std::string key, int& target, int least, int most);
+[[nodiscard]] Setting integerSetting(std::string key, std::uint64_t& target, std::int64_t least,
+                                     std::int64_t most);
+
+// Any number from `least` to `most`; `unit` is for the message.
+[[nodiscard]] Setting numberSetting(std::string key, double& target, double least, double most,
+                                    std::string_view unit);
+
+// One of some words in quotes; `take` gets the index of the word.
+[[nodiscard]] Setting wordSetting(std::string key, std::vector<std::string> words,
+                                  std::function<void(std::size_t)> take);
+// The same where each word stands for a value.
+template <typename Value>
+[[nodiscard]] Setting choiceSetting(std::string key, Value& target,
+                                    const std::vector<std::pair<std::string, Value>>& choices) {
+  std::vector<std::string> words;
+  for (const auto& choice : choices) words.push_back(choice.first);
+  return wordSetting(std::move(key), std::move(words),
+                     [&target, choices](std::size_t i) { target = choices[i].second; });
+}
+
+// Gives every key of the text to its setting. Syntax errors, unknown keys, wrong types, impossible
+// values and missing keys are errors: "FILE:LINE:COLUMN: KEY: reason". What is in one of the
+// top-level sections `others` is somebody else's and passed over.
+[[nodiscard]] Status readSettings(const std::string& text, const std::filesystem::path& file,
+                                  std::span<const Setting> settings,
+                                  std::span<const std::string_view> others = {});
+
+// A path in the file counts from the file's own directory.
+[[nodiscard]] std::filesystem::path besideFile(const std::filesystem::path& file,
+                                               const std::filesystem::path& path);
+
+}  // namespace waymark::io

@@ -1,0 +1,30 @@
+// What configuration files tell the SLAM: the section [slam] of the daemon's file, which
+// `waymark run --config` reads as well.
+#pragma once
+
+#include <filesystem>
+#include <string>
+#include <vector>
+
+#include "base/result.h"
+#include "io/settings_file.h"
+#include "slam/options.h"
+
+namespace waymark::io {
+
+struct SlamSettings {
+  std::string dictionary;
+  slam::Options options;
+};
+
+// The keys of [slam], nested as slam::Options. Dictionary and marker size are required.
+[[nodiscard]] std::vector<Setting> slamSettingKeys(SlamSettings& target);
+
+// The section [slam] of a file that may be a whole daemon's. Here nothing is required: what is not
+// in the file stays empty or at its default, and the caller knows where else it may come from.
+[[nodiscard]] Result<SlamSettings> readSlamSettings(const std::filesystem::path& file);
+
+// The objection to a name that slam::Dictionary does not know lists those it knows.
+[[nodiscard]] Objection objectToDictionary(const std::string& name);
+
+}  // namespace waymark::io

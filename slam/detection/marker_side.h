@@ -1,0 +1,46 @@
+// The four sides of a marker in an image, laid out from its corners.
+#pragma once
+
+#include <array>
+#include <optional>
+
+#include <Eigen/Core>
+
+#include "slam/geometry/camera_model.h"
+
+namespace waymark::slam {
+
+// A straight line in normalised coordinates, between two corners.
+struct MarkerSide {
+  Eigen::Vector2d start, end;        // normalised
+  Eigen::Vector2d along, outward;    // unit vectors, normalised coordinates
+  double length = 0.0;               // normalised
+  Eigen::Vector2d start_px, end_px;  // distorted
+  Eigen::Vector2d bulge_px;          // lens curvature: offset of the middle from the chord
+  double length_px = 0.0;
+  // What follows changes linearly from start to end.
+  double scale_start = 0.0, scale_end = 0.0;          // pixels per normalised unit, across the side
+  double thickness_start = 0.0, thickness_end = 0.0;  // of the black border, pixels
+  // Sines of the angles to the sides before and after.
+  double sine_start = 0.0, sine_end = 0.0;
+  // Perspective along the side: see printCoordinate.
+  double perspective = 1.0;
+  int cells = 0;  // along the side, with the border
+
+  // Where the image's t (0 .. 1) lies on the print, in cells from the start.
+  [[nodiscard]] double printCoordinate(double t) const {
+    return cells * t / (t + perspective * (1.0 - t));
+  }
+  // Pixels along the side per cell of the print, at t.
+  [[nodiscard]] double pixelsPerCell(double t) const {
+    const double d = t + perspective * (1.0 - t);
+    return length_px * d * d / (cells * perspective);
+  }
+};
+
+// `corners`: normalised, clockwise in the image; side k runs from corner k to corner k + 1.
+// `cells`: along a side of the print, with the border. Empty for a degenerate quad.
+[[nodiscard]] std::optional<std::array<MarkerSide, 4>> layOutSides(
+    const CameraModel& camera, const std::array<Eigen::Vector2d, 4>& corners, int cells);
+
+}  // namespace waymark::slam
