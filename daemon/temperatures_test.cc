@@ -4,14 +4,16 @@
 
 #include <gtest/gtest.h>
 
+#include "tests/temporary_directory.h"
+
 namespace waymark::daemon {
 namespace {
 
 namespace fs = std::filesystem;
 
 TEST(Temperatures, ReadsTheZonesThatCanBeRead) {
-  const fs::path root = fs::path(testing::TempDir()) / "waymark_thermal";
-  fs::remove_all(root);
+  const waymark::testing::TemporaryDirectory temporary;
+  const fs::path root = temporary / "thermal";
   const auto zone = [&](const char* name, const char* type, const char* millidegrees) {
     fs::create_directories(root / name);
     std::ofstream(root / name / "type") << type << '\n';

@@ -11,6 +11,7 @@
 
 #include "base/clock.h"
 #include "io/trajectory.h"
+#include "tests/temporary_directory.h"
 
 namespace waymark::simulator {
 namespace {
@@ -95,9 +96,8 @@ TEST(LiveSource, CountsFramesLostForWantOfABuffer) {
 }
 
 TEST(LiveSource, WritesTheTruthOfWhatItHandedOut) {
-  const std::filesystem::path directory =
-      std::filesystem::path(testing::TempDir()) / "live_source_truth";
-  std::filesystem::remove_all(directory);
+  const waymark::testing::TemporaryDirectory temporary;
+  const std::filesystem::path directory = temporary / "truth";
   LiveOptions options = smallCamera();
   options.truth_directory = directory;
   std::vector<std::int64_t> utimes;
@@ -123,7 +123,6 @@ TEST(LiveSource, WritesTheTruthOfWhatItHandedOut) {
     EXPECT_EQ((*truth)[n].time_ns, 1000 * utimes[n]);
     EXPECT_LT(((*truth)[n].T_w_c.p - positions[n]).norm(), 1e-8);
   }
-  std::filesystem::remove_all(directory);
 }
 
 TEST(LiveSource, SaysWhatIsWrong) {

@@ -16,16 +16,16 @@
 
 #include "io/trajectory.h"
 #include "slam/detection/marker_detection.h"
+#include "tests/temporary_directory.h"
 
 namespace waymark::simulator {
 namespace {
 
 namespace fs = std::filesystem;
 
-class RecordingTest : public testing::Test {
+class RecordingTest : public ::testing::Test {
  protected:
   RecordingTest() {
-    fs::remove_all(directory_);
     Options options;
     options.size = ImageSize{320, 240};
     options.duration_s = 0.1;  // six frames
@@ -33,7 +33,6 @@ class RecordingTest : public testing::Test {
     auto simulation = Simulation::create(options, Ending::kOfTheScene);
     simulation_ = std::move(*simulation);
   }
-  ~RecordingTest() override { fs::remove_all(directory_); }
 
   cv::Mat rendered(std::int64_t frame) const {
     Simulation::Workspace workspace;
@@ -42,7 +41,8 @@ class RecordingTest : public testing::Test {
     return image;
   }
 
-  const fs::path directory_ = fs::path(testing::TempDir()) / "recording_test";
+  const waymark::testing::TemporaryDirectory temporary_;
+  const fs::path directory_ = temporary_ / "recording";
   std::unique_ptr<const Simulation> simulation_;
 };
 
