@@ -12,7 +12,7 @@ namespace waymark::io {
 
 class SettingValue {
  public:
-  explicit SettingValue(const toml::node& node) : node(node) {}
+  explicit SettingValue(const toml::node& value) : node(value) {}
   const toml::node& node;
 };
 
