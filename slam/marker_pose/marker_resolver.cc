@@ -4,37 +4,31 @@
 #include <limits>
 #include <vector>
 
-#include <Eigen/Cholesky>
-
+#include "slam/geometry/minimise_pose.h"
 #include "slam/geometry/reprojection.h"
 
 namespace waymark::slam {
 namespace {
 
-// Sum over all views of the whitened squared residuals (the sum in Eq. 26), and, where asked for,
-// its normal equations by the marker's pose. Infinite when a view cannot see the pose.
-double costOf(const Transform& T_w_m, std::span<const MarkerView> views, double size_m,
-              Matrix6d* H = nullptr, Vector6d* g = nullptr) {
+// The sum of Eq. 26 over all views, whitened, and its normal equations by the marker's pose. False
+// when a view cannot see the pose.
+bool linearise(const Transform& T_w_m, std::span<const MarkerView> views, double size_m,
+               PoseNormal* normal) {
   const std::array<Eigen::Vector3d, 4> corners = markerCorners(size_m);
-  double cost = 0.0;
   for (const MarkerView& view : views) {
     for (std::size_t k = 0; k < 4; ++k) {
       const Eigen::Vector3d p = T_w_m * corners[k];
       Projection projection;
-      if (!projectPoint(view.T_w_c, p, &projection)) {
-        return std::numeric_limits<double>::infinity();
-      }
+      if (!projectPoint(view.T_w_c, p, &projection)) return false;
       const Eigen::Matrix2d W = whitening(view.detection->covariance[k]);
       const Eigen::Vector2d r = W * (projection.normalised - view.detection->normalised[k]);
-      cost += r.squaredNorm();
-      if (H != nullptr) {
-        const Matrix26d J = W * markerJacobian(T_w_m, p, projection.J_point);
-        *H += J.transpose() * J;
-        *g += J.transpose() * r;
-      }
+      const Matrix26d J = W * markerJacobian(T_w_m, p, projection.J_point);
+      normal->cost += r.squaredNorm();
+      normal->H += J.transpose() * J;
+      normal->g += J.transpose() * r;
     }
   }
-  return cost;
+  return true;
 }
 
 struct Candidate {
@@ -42,26 +36,13 @@ struct Candidate {
   double cost;
 };
 
-Candidate refine(Candidate candidate, std::span<const MarkerView> views, double size_m) {
+Candidate refine(const Candidate& candidate, std::span<const MarkerView> views, double size_m) {
   constexpr int kIterations = 8;
-  double lambda = 1e-4;
-  for (int i = 0; i < kIterations; ++i) {
-    Matrix6d H = Matrix6d::Zero();
-    Vector6d g = Vector6d::Zero();
-    (void)costOf(candidate.T_w_m, views, size_m, &H, &g);
-    H.diagonal() *= 1.0 + lambda;
-    const Vector6d step = -H.ldlt().solve(g);
-    if (!step.allFinite()) break;
-    const Transform next = candidate.T_w_m.retract(step);
-    const double cost = costOf(next, views, size_m);
-    if (cost < candidate.cost) {
-      candidate = {next, cost};
-      lambda *= 0.1;
-    } else {
-      lambda *= 10.0;
-    }
-  }
-  return candidate;
+  const auto refined =
+      minimisePose(candidate.T_w_m, kIterations, [&](const Transform& T_w_m, PoseNormal* normal) {
+        return linearise(T_w_m, views, size_m, normal);
+      });
+  return refined ? Candidate{refined->T, refined->normal.cost} : candidate;
 }
 
 }  // namespace
@@ -76,7 +57,8 @@ std::optional<Transform> resolveMarkerPose(std::span<const MarkerView> views, do
     if (!pose) continue;
     for (const Transform& T_c_m : pose->T_c_m) {
       const Transform T_w_m = view.T_w_c * T_c_m;
-      candidates.push_back({T_w_m, costOf(T_w_m, views, size_m)});
+      PoseNormal normal;
+      if (linearise(T_w_m, views, size_m, &normal)) candidates.push_back({T_w_m, normal.cost});
     }
     for (const Eigen::Matrix2d& covariance : view.detection->covariance) {
       corner_variance += covariance.trace() / (8.0 * static_cast<double>(views.size()));

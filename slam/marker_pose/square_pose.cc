@@ -2,12 +2,12 @@
 
 #include <algorithm>
 #include <cmath>
-#include <utility>
 
 #include <Eigen/Cholesky>
 #include <Eigen/LU>
 
 #include "slam/geometry/homography.h"
+#include "slam/geometry/minimise_pose.h"
 #include "slam/geometry/reprojection.h"
 
 namespace waymark::slam {
@@ -79,61 +79,25 @@ std::optional<std::array<Eigen::Matrix3d, 2>> ippeRotations(const Eigen::Matrix3
   return rotations;
 }
 
-struct Refined {
-  Transform T_c_m;
-  double error;
-  Transform start;
-  double start_error;
-};
-
-// Gauss-Newton with step halving on the pose of one marker in the camera frame.
-std::optional<Refined> refine(Transform T_c_m, const std::array<Eigen::Vector3d, 4>& corners,
-                              const MarkerDetection& detection,
-                              const std::array<Eigen::Matrix2d, 4>& W, int iterations) {
+// The pose of one marker in the camera frame, refined on the corners' whitened errors.
+std::optional<MinimisedPose> refine(const Transform& start,
+                                    const std::array<Eigen::Vector3d, 4>& corners,
+                                    const MarkerDetection& detection,
+                                    const std::array<Eigen::Matrix2d, 4>& W, int iterations) {
   const Transform camera;  // the identity: the "world" here is the camera
-  const auto evaluate = [&](const Transform& T, Matrix6d* H, Vector6d* g) -> std::optional<double> {
-    double error = 0.0;
+  return minimisePose(start, iterations, [&](const Transform& T_c_m, PoseNormal* normal) {
     for (std::size_t i = 0; i < 4; ++i) {
-      const Eigen::Vector3d p = T * corners[i];
+      const Eigen::Vector3d p = T_c_m * corners[i];
       Projection projection;
-      if (!projectPoint(camera, p, &projection)) return std::nullopt;
+      if (!projectPoint(camera, p, &projection)) return false;
       const Eigen::Vector2d r = W[i] * (projection.normalised - detection.normalised[i]);
-      error += r.squaredNorm();
-      if (H != nullptr) {
-        const Matrix26d J = W[i] * markerJacobian(T, p, projection.J_point);
-        *H += J.transpose() * J;
-        *g += J.transpose() * r;
-      }
+      const Matrix26d J = W[i] * markerJacobian(T_c_m, p, projection.J_point);
+      normal->cost += r.squaredNorm();
+      normal->H += J.transpose() * J;
+      normal->g += J.transpose() * r;
     }
-    return error;
-  };
-
-  double lambda = 1e-6;
-  const Transform start = T_c_m;
-  const std::optional<double> start_error = evaluate(T_c_m, nullptr, nullptr);
-  if (!start_error) return std::nullopt;
-  std::optional<double> error = start_error;
-  for (int k = 0; k < iterations; ++k) {
-    Matrix6d H = Matrix6d::Zero();
-    Vector6d g = Vector6d::Zero();
-    (void)evaluate(T_c_m, &H, &g);
-    H.diagonal() *= 1.0 + lambda;
-    const Vector6d step = -H.ldlt().solve(g);
-    if (!step.allFinite()) break;
-    const Transform candidate = T_c_m.retract(step);
-    const std::optional<double> next = evaluate(candidate, nullptr, nullptr);
-    if (next && *next < *error) {
-      const bool converged = *error - *next < 1e-9 * (*error + 1e-9);
-      T_c_m = candidate;
-      error = next;
-      lambda = std::max(lambda * 0.1, 1e-9);
-      if (converged) break;
-    } else {
-      lambda = std::max(lambda * 100.0, 1e-4);
-      if (lambda > 1e6) break;
-    }
-  }
-  return Refined{T_c_m, *error, start, *start_error};
+    return true;
+  });
 }
 
 }  // namespace
@@ -155,27 +119,26 @@ std::optional<SquarePose> estimateSquarePose(const MarkerDetection& detection, d
     corner_variance += detection.covariance[i].trace() / 8.0;
   }
   const std::array<Eigen::Vector3d, 4> corners = markerCorners(size_m);
-  std::array<std::optional<Refined>, 2> refined;
+  std::array<Transform, 2> starts;
+  std::array<MinimisedPose, 2> refined;
   for (std::size_t k = 0; k < 2; ++k) {
     const Eigen::Matrix3d& R = (*rotations)[k];
-    const Transform start{R, translationFor(R, corners, detection.normalised)};
-    refined[k] = refine(start, corners, detection, W, options.refinement_iterations);
+    starts[k] = {R, translationFor(R, corners, detection.normalised)};
+    const auto found = refine(starts[k], corners, detection, W, options.refinement_iterations);
+    if (!found) return std::nullopt;
+    refined[k] = *found;
   }
-  if (!refined[0] || !refined[1]) return std::nullopt;
-  if (refined[1]->error < refined[0]->error) std::swap(refined[0], refined[1]);
-
+  const std::size_t best = refined[0].normal.cost <= refined[1].normal.cost ? 0 : 1;
+  const std::size_t other = 1 - best;
+  SquarePose pose;
+  pose.T_c_m = {refined[best].T, refined[other].T};
+  pose.error = {refined[best].normal.cost, refined[other].normal.cost};
   // Where the second solution is no minimum of its own, refinement slides it into the first; the
   // unrefined one then stands for the alternative.
   constexpr double kSameRotation = 0.01;  // radians
-  if (rotationDistance(refined[0]->T_c_m.R, refined[1]->T_c_m.R) < kSameRotation) {
-    refined[1]->T_c_m = refined[1]->start;
-    refined[1]->error = std::max(refined[0]->error, refined[1]->start_error);
-  }
-
-  SquarePose pose;
-  for (std::size_t k = 0; k < 2; ++k) {
-    pose.T_c_m[k] = refined[k]->T_c_m;
-    pose.error[k] = refined[k]->error;
+  if (rotationDistance(pose.T_c_m[0].R, pose.T_c_m[1].R) < kSameRotation) {
+    pose.T_c_m[1] = starts[other];
+    pose.error[1] = std::max(pose.error[0], refined[other].start_cost);
   }
   const double floor = comparisonFloor(corner_variance, focal_px, 1, options);
   pose.ratio = (pose.error[1] + floor) / (pose.error[0] + floor);

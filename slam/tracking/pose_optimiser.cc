@@ -6,24 +6,17 @@
 #include <Eigen/Cholesky>
 #include <Eigen/LU>
 
+#include "slam/geometry/minimise_pose.h"
 #include "slam/geometry/reprojection.h"
 #include "slam/geometry/robust.h"
 
 namespace waymark::slam {
 
-// Normal equations of Eq. 22 at one pose.
-struct PoseOptimiser::Normal {
-  Matrix6d H = Matrix6d::Zero();
-  Vector6d g = Vector6d::Zero();
-  double cost = 0.0;  // robust
-};
-
 namespace {
 
-// Adds every used corner to the normal equations. False when a used marker is behind the camera.
-template <typename NormalT>
-bool accumulate(std::span<const PoseObservation> observations, const std::vector<bool>& use,
-                const Transform& T_w_c, double huber, NormalT* normal) {
+// Adds every used corner's share of Eq. 22. False when a used marker is behind the camera.
+bool linearise(std::span<const PoseObservation> observations, const std::vector<bool>& use,
+               const Transform& T_w_c, double huber, PoseNormal* normal) {
   for (std::size_t i = 0; i < observations.size(); ++i) {
     if (!use[i]) continue;
     const PoseObservation& observation = observations[i];
@@ -34,9 +27,9 @@ bool accumulate(std::span<const PoseObservation> observations, const std::vector
       const Eigen::Matrix2d W = whitening(observation.detection->covariance[k]);
       const Eigen::Vector2d r = W * (projection.normalised - observation.detection->normalised[k]);
       const double squared = r.squaredNorm();
-      normal->cost += huberCost(squared, huber);
       const double weight = huberWeight(squared, huber);
       const Matrix26d J = W * cameraJacobian(T_w_c, corner, projection.J_point);
+      normal->cost += huberCost(squared, huber);
       normal->H.noalias() += weight * J.transpose() * J;
       normal->g.noalias() += weight * J.transpose() * r;
     }
@@ -101,53 +94,31 @@ bool PoseOptimiser::acceptable(const PoseSolution& solution) const {
          2 * solution.inliers >= static_cast<int>(solution.inlier.size());
 }
 
-std::optional<Transform> PoseOptimiser::minimise(std::span<const PoseObservation> observations,
-                                                 const std::vector<bool>& use, double huber,
-                                                 Transform T_w_c) const {
-  constexpr double kConverged = 1e-8;  // relative fall of the cost
-  constexpr double kHopeless = 1e8;
-  Normal now;
-  if (!accumulate(observations, use, T_w_c, huber, &now)) return std::nullopt;
-  double lambda = 1e-4;
-  for (int iteration = 0; iteration < options_.max_iterations && lambda < kHopeless; ++iteration) {
-    Matrix6d damped = now.H;
-    damped.diagonal() *= 1.0 + lambda;
-    const Vector6d step = -damped.ldlt().solve(now.g);
-    if (!step.allFinite()) return std::nullopt;
-    const Transform candidate = T_w_c.retract(step);
-    Normal next;
-    if (accumulate(observations, use, candidate, huber, &next) && next.cost <= now.cost) {
-      const bool converged = now.cost - next.cost <= kConverged * now.cost;
-      T_w_c = candidate;
-      now = next;
-      lambda = std::max(0.1 * lambda, 1e-9);
-      if (converged) break;
-    } else {
-      lambda *= 10.0;
-    }
-  }
-  return T_w_c;
-}
-
 std::optional<PoseSolution> PoseOptimiser::optimise(std::span<const PoseObservation> observations,
                                                     const Transform& guess) const {
   if (observations.empty()) return std::nullopt;
   PoseSolution solution;
   solution.inlier.assign(observations.size(), true);
-  std::optional<Transform> pose = minimise(observations, solution.inlier, options_.huber, guess);
-  if (!pose) return std::nullopt;
+  const auto minimise = [&](const Transform& start, double huber) {
+    return minimisePose(start, options_.max_iterations,
+                        [&](const Transform& T_w_c, PoseNormal* normal) {
+                          return linearise(observations, solution.inlier, T_w_c, huber, normal);
+                        });
+  };
+  std::optional<MinimisedPose> minimum = minimise(guess, options_.huber);
+  if (!minimum) return std::nullopt;
 
   // The frame's own noise, for the kernel and for the gate.
   std::vector<double> corner_errors;
   corner_errors.reserve(4 * observations.size());
-  if (!cornerErrors(observations, *pose, &corner_errors)) return std::nullopt;
+  if (!cornerErrors(observations, minimum->T, &corner_errors)) return std::nullopt;
   const double noise = noiseScale(corner_errors);
   bool changed = noise > 1.0;
   if (observations.size() >= 3) {
     for (std::size_t i = 0; i < observations.size(); ++i) {
-      const double chi2 = *markerChi2(observations[i], *pose);
+      const double chi2 = *markerChi2(observations[i], minimum->T);
       solution.inlier[i] = chi2 <= options_.marker_chi2 * noise * noise ||
-                           rmsPx(observations[i], *pose) <= options_.inlier_rms_px;
+                           rmsPx(observations[i], minimum->T) <= options_.inlier_rms_px;
       changed = changed || !solution.inlier[i];
     }
   }
@@ -157,23 +128,19 @@ std::optional<PoseSolution> PoseOptimiser::optimise(std::span<const PoseObservat
     solution.inlier.assign(observations.size(), true);
   }
   if (changed) {
-    pose = minimise(observations, solution.inlier, noise * options_.huber, *pose);
-    if (!pose) return std::nullopt;
+    minimum = minimise(minimum->T, noise * options_.huber);
+    if (!minimum) return std::nullopt;
   }
 
-  Normal normal;
-  if (!accumulate(observations, solution.inlier, *pose, noise * options_.huber, &normal)) {
-    return std::nullopt;
-  }
-  const Eigen::LDLT<Matrix6d> factor(normal.H);
+  const Eigen::LDLT<Matrix6d> factor(minimum->normal.H);
   if (factor.info() != Eigen::Success || !factor.isPositive()) return std::nullopt;
-  solution.T_w_c = *pose;
+  solution.T_w_c = minimum->T;
   double squared_px = 0.0;
   for (std::size_t i = 0; i < observations.size(); ++i) {
     if (!solution.inlier[i]) continue;
     ++solution.inliers;
-    solution.chi2 += *markerChi2(observations[i], *pose);
-    const double rms = rmsPx(observations[i], *pose);
+    solution.chi2 += *markerChi2(observations[i], solution.T_w_c);
+    const double rms = rmsPx(observations[i], solution.T_w_c);
     squared_px += rms * rms;
     solution.mean_side_px += sidePx(*observations[i].detection);
   }

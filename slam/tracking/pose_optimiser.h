@@ -65,11 +65,6 @@ class PoseOptimiser {
                                                         const Transform& T_w_c);
 
  private:
-  struct Normal;
-  // T_w_c from which the used observations' cost falls no further.
-  [[nodiscard]] std::optional<Transform> minimise(std::span<const PoseObservation> observations,
-                                                  const std::vector<bool>& use, double huber,
-                                                  Transform T_w_c) const;
   [[nodiscard]] double rmsPx(const PoseObservation& observation, const Transform& T_w_c) const;
 
   double focal_px_;
