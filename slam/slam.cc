@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <utility>
 
+#include "slam/geometry/robust.h"
 #include "slam/initialisation/one_frame.h"
 #include "slam/keyframes/keyframe_policy.h"
 #include "slam/marker_pose/marker_resolver.h"
@@ -298,10 +299,7 @@ class Slam::Impl {
       const MapMarker* marker = map_.findPosed(detection.id);
       if (marker != nullptr) depths.push_back((marker->T_w_m->p - T_w_c.p).norm());
     }
-    if (depths.empty()) return 0.0;
-    const auto middle = depths.begin() + static_cast<std::ptrdiff_t>(depths.size() / 2);
-    std::nth_element(depths.begin(), middle, depths.end());
-    return *middle;
+    return depths.empty() ? 0.0 : median(std::move(depths));
   }
 
   Options options_;
