@@ -31,7 +31,7 @@ simulator::LiveOptions simulatorOptions(const Configuration& configuration) {
   simulator::LiveOptions options;
   options.simulation.scene = camera.source.substr(kSimulated.size());
   options.simulation.dictionary = configuration.slam.dictionary;
-  options.simulation.marker_size_m = configuration.slam.options.marker_size_m;
+  options.simulation.marker_size_m = configuration.slam.options.markers.size_m;
   options.simulation.seed = camera.simulator.seed;
   options.simulation.size = {camera.simulator.width, camera.simulator.height};
   if (camera.rate_hz > 0.0) options.simulation.rate_hz = camera.rate_hz;

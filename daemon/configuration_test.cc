@@ -24,7 +24,7 @@ TEST(Configuration, TheCommentedExampleIsValid) {
   EXPECT_EQ(c->camera.source, "sim:walls");
   EXPECT_EQ(c->camera.rate_hz, 150.0);
   EXPECT_EQ(c->slam.dictionary, "ARUCO_MIP_36h12");
-  EXPECT_EQ(c->slam.options.marker_size_m, 0.165);
+  EXPECT_EQ(c->slam.options.markers.size_m, 0.165);
 }
 
 std::string readFile(const char* path) {
@@ -43,7 +43,7 @@ TEST(Configuration, TheSlamSectionReadsTheSameAlone) {
   const Result<io::SlamSettings> slam = io::readSlamSettings(WAYMARK_EXAMPLE_CONFIGURATION);
   ASSERT_TRUE(slam) << slam.error().message;
   EXPECT_EQ(slam->dictionary, "ARUCO_MIP_36h12");
-  EXPECT_EQ(slam->options.marker_size_m, 0.165);
+  EXPECT_EQ(slam->options.markers.size_m, 0.165);
 }
 
 // The defaults that the example names are the true ones.

@@ -54,9 +54,9 @@ void SlamLoop::handOnMap(const capture::FrameStamp& stamp) {
   const slam::Map& map = slam_.map();
   MapSnapshot& snapshot = output_.map.writeBuffer();
   snapshot.stamp = stamp;
-  snapshot.keyframe_count = static_cast<int>(map.keyframes.size());
+  snapshot.keyframe_count = static_cast<int>(map.keyframes().size());
   snapshot.markers.clear();
-  for (const auto& [id, marker] : map.markers) {
+  for (const auto& [id, marker] : map.markers()) {
     if (marker.T_w_m) snapshot.markers.push_back({id, marker.size_m, *marker.T_w_m});
   }
   output_.map.publish();

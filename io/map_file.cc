@@ -64,7 +64,7 @@ Json toJson(const slam::Keyframe& keyframe) {
                           {"pixels", toJson(detection.pixels)},
                           {"normalised_covariance", toJson(detection.covariance)}});
   }
-  return {{"index", keyframe.index},
+  return {{"index", keyframe.id},
           {"sequence", keyframe.sequence},
           {"time_ns", keyframe.monotonic_ns},
           {"T_w_c", toJson(keyframe.T_w_c)},
@@ -134,16 +134,15 @@ std::optional<MarkerCorners> markerCorners(const Json& json, std::string* fault)
 std::string formatMap(const slam::Map& map, const slam::Calibration& camera) {
   std::vector<Json> posed;
   std::vector<Json> unposed;
-  for (const auto& [id, marker] : map.markers) {
+  for (const auto& [id, marker] : map.markers()) {
     (marker.T_w_m ? posed : unposed).push_back(toJson(marker, map.dictionary));
   }
   std::vector<Json> keyframes;
-  for (const slam::Keyframe& keyframe : map.keyframes) keyframes.push_back(toJson(keyframe));
+  for (const auto& [id, keyframe] : map.keyframes()) keyframes.push_back(toJson(keyframe));
 
   std::string text = "{";
   text += field("format", kFormat) + field("version", kVersion);
   text += field("dictionary", map.dictionary) + field("camera", toJson(camera));
-  text += field("next_keyframe_index", map.next_keyframe_index);
   text += listText("markers", posed) + ",\n";
   text += listText("unposed_markers", unposed) + ",\n";
   text += listText("keyframes", keyframes) + "}\n";
@@ -192,7 +191,7 @@ Result<std::vector<MarkerCorners>> readMarkerCorners(const std::filesystem::path
 
 std::vector<MarkerCorners> posedMarkerCorners(const slam::Map& map) {
   std::vector<MarkerCorners> markers;
-  for (const auto& [id, marker] : map.markers) {
+  for (const auto& [id, marker] : map.markers()) {
     if (marker.T_w_m) markers.push_back({id, marker.size_m, marker.cornersInWorld()});
   }
   return markers;

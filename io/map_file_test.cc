@@ -18,16 +18,15 @@ slam::Map sampleMap() {
   map.dictionary = "APRILTAG_36h11";
   slam::Vector6d delta;
   delta << 0.1, 0.2, 0.3, 0.4, -0.5, 0.6;
-  map.markers[7] = {7, 0.165, slam::Transform{}.retract(delta)};
-  map.markers[3] = {3, 0.165, slam::Transform{}};
-  map.markers[9] = {9, 0.165, std::nullopt};
+  map.addMarker(7, 0.165).T_w_m = slam::Transform{}.retract(delta);
+  map.addMarker(3, 0.165).T_w_m = slam::Transform{};
+  map.addMarker(9, 0.165);
   slam::MarkerDetection detection;
   detection.id = 7;
   detection.pixels.fill({12.5, 1.0 / 3.0});
   detection.normalised.fill({0.1, 0.2});
   detection.covariance.fill(Eigen::Matrix2d::Identity() * 1e-7);
-  map.keyframes.push_back({4, 120, 1'500'000'001, slam::Transform{}.retract(-delta), {detection}});
-  map.next_keyframe_index = 5;
+  map.addKeyframe({4, 120, 1'500'000'001, slam::Transform{}.retract(-delta), {detection}});
   return map;
 }
 
@@ -43,8 +42,8 @@ TEST(MapFile, HasWhatTheFormatPromises) {
   EXPECT_EQ(marker["id"], 7);
   EXPECT_EQ(marker["size"], 0.165);
   EXPECT_EQ(marker["T_w_m"]["p"][0], 0.1);
-  EXPECT_EQ(marker["T_w_m"]["q"][0], map.markers.at(7).T_w_m->quaternion().w());
-  EXPECT_EQ(marker["T_w_m"]["q"][3], map.markers.at(7).T_w_m->quaternion().z());
+  EXPECT_EQ(marker["T_w_m"]["q"][0], map.markers().at(7).T_w_m->quaternion().w());
+  EXPECT_EQ(marker["T_w_m"]["q"][3], map.markers().at(7).T_w_m->quaternion().z());
   EXPECT_EQ(json["unposed_markers"][0]["id"], 9);
   const nlohmann::json& keyframe = json["keyframes"][0];
   EXPECT_EQ(keyframe["sequence"], 120);
@@ -62,7 +61,7 @@ TEST(MapFile, CornersReadBack) {
   EXPECT_EQ((*markers)[0].id, 3);
   EXPECT_EQ((*markers)[0].corners[0], Eigen::Vector3d(-0.0825, 0.0825, 0.0));
   for (std::size_t i = 0; i < 4; ++i) {
-    EXPECT_EQ((*markers)[1].corners[i], *map.markers.at(7).T_w_m * slam::markerCorners(0.165)[i]);
+    EXPECT_EQ((*markers)[1].corners[i], *map.markers().at(7).T_w_m * slam::markerCorners(0.165)[i]);
   }
 }
 

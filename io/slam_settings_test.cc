@@ -26,7 +26,7 @@ TEST(SlamSettings, NestAsTheOptionsDo) {
       "[slam.local_optimisation]\nmax_iterations = 3\n");
   ASSERT_TRUE(s) << s.error().message;
   EXPECT_EQ(s->dictionary, "4X4_50");
-  EXPECT_EQ(s->options.marker_size_m, 0.1);
+  EXPECT_EQ(s->options.markers.size_m, 0.1);
   EXPECT_EQ(s->options.detector.scanner.threshold_window_px, 21);
   EXPECT_EQ(s->options.keyframes.views_per_marker, 7);
   EXPECT_EQ(s->options.local_optimisation.max_iterations, 3);
@@ -38,7 +38,7 @@ TEST(SlamSettings, OfAFileWithOtherSectionsOrNone) {
       "[slam]\nmarker_size_m = 0.2\n");
   ASSERT_TRUE(s) << s.error().message;
   EXPECT_EQ(s->dictionary, "");
-  EXPECT_EQ(s->options.marker_size_m, 0.2);
+  EXPECT_EQ(s->options.markers.size_m, 0.2);
   ASSERT_TRUE(read(""));
 }
 

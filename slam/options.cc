@@ -6,19 +6,21 @@ namespace waymark::slam {
 
 std::string Options::invalidReason() const {
   const auto positive = [](double v) { return std::isfinite(v) && v > 0.0; };
-  if (!positive(marker_size_m)) return "marker size must be a positive number of metres";
-  if (!(initialisation.ambiguity_ratio >= 1.0) || !(marker_pose.ambiguity_ratio >= 1.0) ||
-      !(relocalisation.ambiguity_ratio >= 1.0)) {
+  if (std::string reason = markers.invalidReason(); !reason.empty()) return reason;
+  if (!(initialisation.ambiguity_ratio >= 1.0) || !(mapper.marker_pose.ambiguity_ratio >= 1.0) ||
+      !(tracking.relocalisation.ambiguity_ratio >= 1.0)) {
     return "ambiguity ratios must be at least 1";
   }
+  if (initialisation.attempts < 1) return "initialisation needs at least 1 attempt";
   if (detector.scanner.threshold_window_px < 3 || detector.scanner.threshold_window_px % 2 == 0) {
     return "threshold window must be odd and at least 3 pixels";
   }
+  const KeyframeOptions& keyframes = mapper.keyframes;
   if (!positive(keyframes.min_baseline_m) || !positive(keyframes.min_rotation_rad)) {
     return "keyframe distances must be positive";
   }
   if (keyframes.views_per_marker < 2) return "views per marker must be at least 2";
-  if (marker_pose.min_views < 2) return "a marker needs at least 2 views to be resolved";
+  if (mapper.marker_pose.min_views < 2) return "a marker needs at least 2 views to be resolved";
   return {};
 }
 

@@ -5,30 +5,29 @@
 #include <string>
 
 #include "slam/detection/marker_detector.h"
-#include "slam/initialisation/one_frame.h"
-#include "slam/keyframes/keyframe_policy.h"
-#include "slam/marker_pose/marker_resolver.h"
-#include "slam/marker_pose/square_pose.h"
-#include "slam/optimisation/bundle_adjuster.h"
-#include "slam/relocalisation/relocaliser.h"
-#include "slam/tracking/motion_model.h"
-#include "slam/tracking/pose_optimiser.h"
+#include "slam/initialisation/initialiser.h"
+#include "slam/loop_closure/loop_closer.h"
+#include "slam/map/marker_options.h"
+#include "slam/mapping/mapper.h"
+#include "slam/marker_watch/marker_watch.h"
+#include "slam/optimisation/map_optimiser.h"
+#include "slam/tracking/tracker.h"
 
 namespace waymark::slam {
 
 struct Options {
-  // Side of the printed black square, metres. There is no sensible default.
-  double marker_size_m = 0.0;
+  MarkerOptions markers;
+  // Off: the map given at the start is used and stays as it is, bit for bit.
+  bool mapping = true;
 
   DetectorOptions detector;
   InitialisationOptions initialisation;
-  PoseOptimiserOptions tracking;
-  MotionModelOptions motion;
-  KeyframeOptions keyframes;
-  MarkerResolverOptions marker_pose;
-  RelocaliserOptions relocalisation;
-  BundleOptions local_optimisation{.max_iterations = 5, .min_relative_decrease = 1e-3};
+  TrackerOptions tracking;
+  MapperOptions mapper;
+  LoopOptions loops;
+  MarkerWatchOptions watch;
   BundleOptions global_optimisation{.max_iterations = 50, .min_relative_decrease = 1e-6};
+  IntrinsicPriors intrinsics;
 
   // Empty when usable, else which option is wrong and why.
   [[nodiscard]] std::string invalidReason() const;

@@ -4,13 +4,8 @@
 #include <utility>
 
 #include "slam/geometry/robust.h"
-#include "slam/initialisation/one_frame.h"
-#include "slam/keyframes/keyframe_policy.h"
-#include "slam/marker_pose/marker_resolver.h"
-#include "slam/optimisation/map_optimiser.h"
-#include "slam/relocalisation/relocaliser.h"
-#include "slam/tracking/motion_model.h"
-#include "slam/tracking/pose_optimiser.h"
+#include "slam/loop_closure/loop_closer.h"
+#include "slam/loop_closure/loop_detector.h"
 
 namespace waymark::slam {
 namespace {
@@ -32,22 +27,25 @@ class StageScope {
   Stage stage_;
 };
 
-double imageArea(const MarkerDetection& d) {
-  const Eigen::Vector2d a = d.normalised[2] - d.normalised[0];
-  const Eigen::Vector2d b = d.normalised[3] - d.normalised[1];
-  return std::abs(a.x() * b.y() - a.y() * b.x());
+double medianDepth(std::span<const KnownMarker> markers, const Transform& T_w_c) {
+  std::vector<double> depths;
+  for (const KnownMarker& marker : markers) depths.push_back((marker.T_w_m.p - T_w_c.p).norm());
+  return depths.empty() ? 1.0 : median(std::move(depths));
 }
 
 }  // namespace
 
 class Slam::Impl {
  public:
-  Impl(const CameraModel& camera, Dictionary dictionary, const Options& options)
+  Impl(const CameraModel& camera, Dictionary dictionary, const Options& options, Map map)
       : options_(options),
         camera_(camera),
         detector_(camera_, std::move(dictionary), options.detector),
-        optimiser_(camera_.focalLength(), options.tracking),
-        motion_(options.motion) {
+        initialiser_(options.markers, camera_.focalLength(), options.initialisation),
+        tracker_(camera_.focalLength(), options.tracking),
+        mapper_(options.markers, camera_.focalLength(), options.mapper),
+        watch_(options.markers, options.watch),
+        map_(std::move(map)) {
     map_.dictionary = detector_.dictionary().name();
   }
 
@@ -60,36 +58,59 @@ class Slam::Impl {
     return processDetections(detections, time, observer);
   }
 
+  // The stages of seed 1, Fig. 4, in its order.
   FrameResult processDetections(std::span<const MarkerDetection> detections, const FrameTime& time,
                                 StageObserver* observer) {
     ++counters_.frames;
     FrameResult result;
+    result.detections = detections;
+    const std::vector<MarkerDetection> usable =
+        watch_.screen(detections, camera_, map_, &counters_);
     if (map_.empty()) {
       const StageScope scope(observer, Stage::kMap);
-      result = initialise(detections, time);
+      initialise(usable, time, &result);
     } else {
-      std::vector<MarkerDetection> fitting;
+      Sight sight = look(usable, time);
       {
         const StageScope scope(observer, Stage::kTrack);
-        result = track(detections, time, &fitting);
+        track(&sight, &result);
       }
-      if (result.pose) {
+      if (result.pose && options_.mapping) {
         const StageScope scope(observer, Stage::kMap);
-        updateMap(fitting, time, &result);
+        closeLoop(&sight, &result);
+        updateMap(&sight, &result);
       }
     }
     if (result.pose) ++counters_.localized;
-    result.detections = detections;
     return result;
   }
 
-  void optimiseMapGlobally() { (void)slam::optimiseGlobally(&map_, options_.global_optimisation); }
+  void optimiseMapGlobally() {
+    if (options_.mapping && !map_.empty()) {
+      (void)slam::optimiseGlobally(&map_, options_.markers, options_.global_optimisation);
+    }
+  }
+
+  void optimiseMapAndLens() {
+    if (!options_.mapping || map_.empty()) return;
+    (void)slam::optimiseGloballyWithIntrinsics(&map_, options_.markers, options_.intrinsics,
+                                               options_.global_optimisation, &camera_);
+  }
 
   [[nodiscard]] std::optional<PoseEstimate> localize(std::span<const MarkerDetection> detections,
                                                      const Transform& guess) const {
-    const std::vector<KnownMarker> known = knownMarkers(detections);
-    const auto solution = optimiser_.optimise(observationsOf(known), guess);
-    if (!solution || !optimiser_.acceptable(*solution)) return std::nullopt;
+    Counters uncounted;
+    MarkerWatch watch(options_.markers, options_.watch);
+    const auto usable = watch.screen(detections, camera_, map_, &uncounted);
+    const std::vector<KnownMarker> known = knownMarkers(map_, usable);
+    const PoseOptimiser& optimiser = tracker_.optimiser();
+    auto solution = optimiser.optimise(known, guess);
+    if (!solution || !optimiser.acceptable(*solution)) {
+      // The guess may be from before a loop was closed.
+      solution =
+          relocalise(known, optimiser, camera_.focalLength(), options_.tracking.relocalisation);
+    }
+    if (!solution || !optimiser.acceptable(*solution)) return std::nullopt;
     return estimateOf(*solution, known);
   }
 
@@ -98,160 +119,233 @@ class Slam::Impl {
   [[nodiscard]] const CameraModel& camera() const { return camera_; }
 
  private:
-  // Section 4.1: the first frame with an unambiguous marker is the world's origin.
-  FrameResult initialise(std::span<const MarkerDetection> detections, const FrameTime& time) {
-    FrameResult result;
-    result.state = TrackingState::kInitializing;
-    const auto initial = initialiseFromOneFrame(detections, options_.marker_size_m,
-                                                camera_.focalLength(), options_.initialisation);
-    if (initial.empty()) {
-      result.reason =
-          detections.empty() ? "no marker in view" : "all markers in view are ambiguous";
-      return result;
-    }
-    for (const MarkerDetection& detection : detections) {
-      map_.markers[detection.id] = {detection.id, options_.marker_size_m, std::nullopt};
-    }
-    for (const InitialMarker& marker : initial) map_.markers[marker.id].T_w_m = marker.T_c_m;
-    insertKeyframe(detections, Transform{}, time);
+  // What a frame shows, by what it is good for, and what has become of it so far.
+  struct Sight {
+    FrameTime time;
+    std::span<const MarkerDetection> detections;  // usable ones
+    SplitMarkers known;
+    PoseSolution solution;                 // of the eligible markers
+    std::vector<MarkerDetection> fitting;  // those that agree with the pose, sorted by id
+    bool closes_loop = false;
+  };
 
-    const std::vector<KnownMarker> known = knownMarkers(detections);
-    const auto solution = optimiser_.optimise(observationsOf(known), Transform{});
-    if (solution) {
-      result.pose = estimateOf(*solution, known);
-      result.pose->T_w_c = Transform{};  // by definition of the world
-      result.state = TrackingState::kTracking;
-    }
-    result.map_changed = result.keyframe_added = true;
-    motion_.update(Transform{}, time.monotonic_ns);
-    return result;
+  [[nodiscard]] Sight look(std::span<const MarkerDetection> usable, const FrameTime& time) const {
+    Sight sight;
+    sight.time = time;
+    sight.detections = usable;
+    sight.known = loop_detector_.split(knownMarkers(map_, usable));
+    // Nothing eligible: not a closing loop, but another place. Relocalise there.
+    if (sight.known.eligible.empty()) std::swap(sight.known.eligible, sight.known.loop);
+    return sight;
   }
 
-  // Sections 4.3 and 4.8: from the predicted pose if there is one, else from the markers alone.
-  // `fitting` gets the detections that agree with the pose, and those the map does not know yet.
-  FrameResult track(std::span<const MarkerDetection> detections, const FrameTime& time,
-                    std::vector<MarkerDetection>* fitting) {
-    FrameResult result;
-    result.state = TrackingState::kRelocalizing;
-    const std::vector<KnownMarker> known = knownMarkers(detections);
+  [[nodiscard]] static Keyframe frameOf(const Sight& sight, const Transform& T_w_c) {
+    return {-1, sight.time.sequence, sight.time.monotonic_ns, T_w_c, sight.fitting};
+  }
+
+  // Section 4.1.
+  void initialise(std::span<const MarkerDetection> usable, const FrameTime& time,
+                  FrameResult* result) {
+    result->state = TrackingState::kInitializing;
+    if (!options_.mapping) {
+      result->reason = "there is no map, and mapping is off";
+      return;
+    }
+    const auto start = initialiser_.process(
+        {-1, time.sequence, time.monotonic_ns, Transform{}, {usable.begin(), usable.end()}});
+    if (!start) {
+      result->reason = initialiser_.reason();
+      return;
+    }
+    const Transform T_w_c = mapper_.begin(*start, &map_, &counters_);
+    result->map_changed = result->keyframe_added = true;
+    const std::vector<KnownMarker> known = knownMarkers(map_, usable);
+    const auto solution = tracker_.optimiser().optimise(known, T_w_c);
+    if (!solution) return;
+    result->pose = estimateOf(*solution, known);
+    result->pose->T_w_c = T_w_c;  // of a keyframe: by definition of the world, or as optimised
+    result->state = TrackingState::kTracking;
+    tracker_.commit(T_w_c, time.monotonic_ns);
+  }
+
+  // Sections 4.3 and 4.8, with the eligible markers only (Eq. 36).
+  void track(Sight* sight, FrameResult* result) {
+    result->state = TrackingState::kRelocalizing;
+    const std::vector<KnownMarker>& known = sight->known.eligible;
     if (known.empty()) {
-      result.reason = detections.empty() ? "no marker in view" : "no marker in view has a pose yet";
-      return result;
+      result->reason =
+          sight->detections.empty() ? "no marker in view" : "no marker in view has a pose yet";
+      loop_detector_.forget();
+      return;
     }
-    std::optional<PoseSolution> solution;
-    if (const auto predicted = motion_.predict(time.monotonic_ns)) {
-      solution = optimiser_.optimise(observationsOf(known), *predicted);
-      if (solution && !optimiser_.acceptable(*solution)) {
-        ++counters_.rejected_poses;
-        solution.reset();
-      }
+    auto tracked = tracker_.track(known, sight->time.monotonic_ns);
+    if (!tracked && !sight->known.loop.empty()) {
+      // Lost for what is near; but the map knows other markers in view.
+      loop_detector_.forget();
+      *sight = look(sight->detections, sight->time);
+      tracked = tracker_.track(known, sight->time.monotonic_ns);
     }
-    if (!solution) {
-      auto relocalisation =
-          relocalise(known, optimiser_, camera_.focalLength(), options_.relocalisation);
-      if (!relocalisation || !optimiser_.acceptable(relocalisation->solution)) {
-        result.reason = known.size() == 1 ? "the only known marker in view is ambiguous"
-                                          : "the markers in view do not fit the map";
-        return result;
-      }
-      ++counters_.relocalizations;
-      solution = std::move(relocalisation->solution);
+    if (!tracked) {
+      ++counters_.rejected_poses;
+      result->reason = known.size() == 1 ? "the only known marker in view is ambiguous"
+                                         : "the markers in view do not fit the map";
+      loop_detector_.forget();
+      return;
     }
-
-    for (const MarkerDetection& detection : detections) {
-      if (map_.findPosed(detection.id) == nullptr) fitting->push_back(detection);
-    }
-    for (std::size_t i = 0; i < known.size(); ++i) {
-      if (solution->inlier[i]) {
-        fitting->push_back(*known[i].observation.detection);
-      } else {
-        ++counters_.rejected_markers;
-      }
-    }
-    std::sort(fitting->begin(), fitting->end(),
-              [](const MarkerDetection& a, const MarkerDetection& b) { return a.id < b.id; });
-    result.pose = estimateOf(*solution, known);
-    result.state = TrackingState::kTracking;
-    motion_.update(solution->T_w_c, time.monotonic_ns);
-    return result;
+    if (tracked->prediction_refused) ++counters_.rejected_poses;
+    if (tracked->method == TrackingMethod::kRelocalised) ++counters_.relocalizations;
+    sight->solution = std::move(tracked->solution);
+    sortByFit(sight);
+    result->pose = estimateOf(sight->solution, known);
+    result->state = TrackingState::kTracking;
+    tracker_.commit(sight->solution.T_w_c, sight->time.monotonic_ns);
   }
 
-  // Sections 4.4 to 4.7: keyframe, new markers, ambiguous markers, culling, local optimisation.
-  void updateMap(std::span<const MarkerDetection> detections, const FrameTime& time,
-                 FrameResult* result) {
-    const Transform& T_w_c = result->pose->T_w_c;
-    std::vector<InitialMarker> unambiguous;
-    for (const MarkerDetection& detection : detections) {
-      if (map_.findPosed(detection.id) != nullptr) continue;
-      const auto pose = estimateSquarePose(detection, options_.marker_size_m, camera_.focalLength(),
-                                           options_.marker_pose.square);
-      if (pose && pose->unambiguous(options_.marker_pose.ambiguity_ratio)) {
-        unambiguous.push_back({detection.id, pose->T_c_m[0]});
+  // Fills `fitting` with the detections that agree with the pose, and with those the map has no
+  // pose for; tells the watch of the others.
+  void sortByFit(Sight* sight) {
+    for (const MarkerDetection& detection : sight->detections) {
+      if (map_.findPosed(detection.id) == nullptr) sight->fitting.push_back(detection);
+    }
+    const std::vector<KnownMarker>& known = sight->known.eligible;
+    const bool others_agree = sight->solution.inliers >= 2;
+    for (std::size_t i = 0; i < known.size(); ++i) {
+      const bool fits = sight->solution.inlier[i];
+      if (fits) sight->fitting.push_back(*known[i].detection);
+      if (!fits) ++counters_.rejected_markers;
+      if (fits || others_agree) {
+        watch_.record(known[i].detection->id, fits, sight->time.monotonic_ns);
       }
     }
-    const KeyframeReason reason =
-        keyframeReason(map_, detections, T_w_c, medianDepth(detections, T_w_c),
-                       !unambiguous.empty(), options_.keyframes);
-    if (reason == KeyframeReason::kNone) return;
+    sortById(&sight->fitting);
+  }
 
-    insertKeyframe(detections, T_w_c, time);
-    for (const MarkerDetection& detection : detections) {
-      map_.markers.try_emplace(detection.id,
-                               MapMarker{detection.id, options_.marker_size_m, std::nullopt});
+  // Section 4.9: markers in view that the neighbourhood does not know close a loop. With little
+  // drift both ends agree, and the next keyframe joins them; else the map is corrected.
+  void closeLoop(Sight* sight, FrameResult* result) {
+    const std::vector<KnownMarker>& loop = sight->known.loop;
+    if (loop.empty() || !loop_detector_.reference()) return;
+    std::vector<int> agreeing = loopMarkersAt(sight->solution.T_w_c, loop);
+    if (2 * agreeing.size() > loop.size()) {
+      joinLoop(agreeing, sight);
+      ++counters_.loops_without_drift;
+      return;
     }
-    for (const InitialMarker& marker : unambiguous) {
-      map_.markers[marker.id].T_w_m = T_w_c * marker.T_c_m;  // Eq. 23
+    if (frames_to_next_attempt_ > 0) {
+      --frames_to_next_attempt_;
+      return;
     }
-    resolveAmbiguousMarkers(detections);
-    (void)optimiseLocally(&map_, map_.keyframes.size() - 1, options_.local_optimisation);
-    motion_.correct(map_.keyframes.back().T_w_c);
-    (void)cullKeyframes(&map_, options_.keyframes);
+    LoopFrame candidate = loopFrame(*sight);
+    if (candidate.expected.empty()) return;
+    auto outcome = slam::closeLoop(map_, candidate, options_.markers, options_.loops);
+    if (std::holds_alternative<LoopRefusal>(outcome)) {
+      constexpr int kFramesBetweenAttempts = 10;
+      frames_to_next_attempt_ = kFramesBetweenAttempts;
+      ++counters_.loops_refused;
+      return;
+    }
+    auto& closed = std::get<ClosedLoop>(outcome);
+    map_ = std::move(closed.map);
+    ++counters_.loop_closures;
+    ++counters_.keyframes_added;
+    moveTo(map_.keyframes().at(closed.keyframe).T_w_c, result);
+    sight->fitting.clear();  // the frame is in the map already
+    loop_detector_.forget();
     result->map_changed = result->keyframe_added = true;
   }
 
-  void resolveAmbiguousMarkers(std::span<const MarkerDetection> detections) {
-    for (const MarkerDetection& detection : detections) {
-      MapMarker& marker = map_.markers.at(detection.id);
-      if (marker.T_w_m) continue;
-      std::vector<MarkerView> views;
-      for (const Keyframe& keyframe : map_.keyframes) {
-        if (const MarkerDetection* seen = keyframe.find(marker.id)) {
-          views.push_back({seen, keyframe.T_w_c});
+  // Ids of the loop markers that a pose explains; the watch hears of each.
+  std::vector<int> loopMarkersAt(const Transform& T_w_c, std::span<const KnownMarker> loop) const {
+    const double worst = options_.tracking.pose.marker_chi2 * mapper_.noise() * mapper_.noise();
+    std::vector<int> agreeing;
+    for (const KnownMarker& marker : loop) {
+      const auto chi2 = PoseOptimiser::markerChi2(marker, T_w_c);
+      if (chi2 && *chi2 <= worst) agreeing.push_back(marker.detection->id);
+    }
+    return agreeing;
+  }
+
+  void joinLoop(const std::vector<int>& agreeing, Sight* sight) {
+    for (const KnownMarker& marker : sight->known.loop) {
+      const int id = marker.detection->id;
+      const bool fits = std::binary_search(agreeing.begin(), agreeing.end(), id);
+      watch_.record(id, fits, sight->time.monotonic_ns);
+      if (fits) sight->fitting.push_back(*marker.detection);
+      if (!fits) ++counters_.rejected_markers;
+    }
+    sortById(&sight->fitting);
+    sight->closes_loop = true;
+  }
+
+  // The frame with the markers of L(t) that agree with each other, and where they say it is.
+  LoopFrame loopFrame(const Sight& sight) {
+    const std::vector<KnownMarker>& loop = sight.known.loop;
+    LoopFrame frame{frameOf(sight, sight.solution.T_w_c), {}, {}, *loop_detector_.reference()};
+    const auto add = [&](const KnownMarker& marker) {
+      frame.loop_markers.push_back(marker.detection->id);
+      frame.frame.detections.push_back(*marker.detection);
+    };
+    const auto expected = relocalise(loop, tracker_.optimiser(), camera_.focalLength(),
+                                     options_.tracking.relocalisation);
+    if (expected && tracker_.optimiser().acceptable(*expected)) {
+      for (std::size_t i = 0; i < loop.size(); ++i) {
+        if (expected->inlier[i]) add(loop[i]);
+      }
+      frame.expected = {expected->T_w_c};
+    } else if (loop.size() == 1) {
+      const auto square =
+          estimateSquarePose(*loop[0].detection, loop[0].size_m, camera_.focalLength(),
+                             options_.tracking.relocalisation.square);
+      if (!square) return frame;
+      add(loop[0]);
+      for (const Transform& T_c_m : square->T_c_m) {
+        frame.expected.push_back(loop[0].T_w_m * T_c_m.inverse());
+      }
+    }
+    sortById(&frame.frame.detections);
+    // One marker that contradicts all others: it moved, or hangs twice, more likely than they did.
+    if (loop.size() == 1 && sight.solution.inliers >= 2) {
+      watch_.record(loop[0].detection->id, false, sight.time.monotonic_ns);
+    }
+    return frame;
+  }
+
+  // Sections 4.2 and 4.4 to 4.7, and what the watch has noticed.
+  void updateMap(Sight* sight, FrameResult* result) {
+    bool changed = watch_.refuseDoubled(&map_, &counters_);
+    changed = watch_.quarantineMoved(&map_, &counters_) || changed;
+    if (changed) {
+      std::erase_if(sight->fitting, [&](const MarkerDetection& d) {
+        const MapMarker* marker = map_.find(d.id);
+        return marker != nullptr && marker->state == MarkerState::kRefused;
+      });
+      result->map_changed = true;
+    }
+    if (!sight->fitting.empty()) {
+      const auto moved = mapper_.update(frameOf(*sight, result->pose->T_w_c), sight->closes_loop,
+                                        &map_, &counters_);
+      if (moved) {
+        moveTo(*moved, result);
+        result->map_changed = result->keyframe_added = true;
+        for (const MarkerDetection& detection : sight->fitting) {
+          watch_.checkReturned(detection.id, &map_, &counters_);
         }
       }
-      marker.T_w_m =
-          resolveMarkerPose(views, marker.size_m, camera_.focalLength(), options_.marker_pose);
     }
+    loop_detector_.follow(map_, sight->fitting, result->pose->T_w_c,
+                          medianDepth(sight->known.eligible, result->pose->T_w_c),
+                          options_.mapper.keyframes);
   }
 
-  void insertKeyframe(std::span<const MarkerDetection> detections, const Transform& T_w_c,
-                      const FrameTime& time) {
-    map_.keyframes.push_back({map_.next_keyframe_index++,
-                              time.sequence,
-                              time.monotonic_ns,
-                              T_w_c,
-                              {detections.begin(), detections.end()}});
-    ++counters_.keyframes_added;
+  // The map moved under the camera. The subscriber gets the frame's pose in the map as it is now.
+  void moveTo(const Transform& T_w_c, FrameResult* result) {
+    result->pose->T_w_c = T_w_c;
+    tracker_.correct(T_w_c);
   }
 
-  [[nodiscard]] std::vector<KnownMarker> knownMarkers(
-      std::span<const MarkerDetection> detections) const {
-    std::vector<KnownMarker> known;
-    known.reserve(detections.size());
-    for (const MarkerDetection& detection : detections) {
-      const MapMarker* marker = map_.findPosed(detection.id);
-      if (marker == nullptr) continue;
-      known.push_back({{&detection, marker->cornersInWorld()}, *marker->T_w_m, marker->size_m});
-    }
-    return known;
-  }
-
-  [[nodiscard]] static std::vector<PoseObservation> observationsOf(
-      std::span<const KnownMarker> known) {
-    std::vector<PoseObservation> observations;
-    observations.reserve(known.size());
-    for (const KnownMarker& marker : known) observations.push_back(marker.observation);
-    return observations;
+  static void sortById(std::vector<MarkerDetection>* detections) {
+    std::sort(detections->begin(), detections->end(),
+              [](const MarkerDetection& a, const MarkerDetection& b) { return a.id < b.id; });
   }
 
   [[nodiscard]] PoseEstimate estimateOf(const PoseSolution& solution,
@@ -262,57 +356,26 @@ class Slam::Impl {
     estimate.source = PoseSource::kMarkers;
     estimate.markers_used = solution.inliers;
     estimate.reprojection_rms_px = solution.rms_px;
-    estimate.ambiguity_ratio = ambiguityOf(solution, known);
+    estimate.ambiguity_ratio = poseAmbiguity(solution, known, camera_.focalLength(),
+                                             options_.tracking.relocalisation.square);
     return estimate;
-  }
-
-  // How much worse the other solution of the largest marker explains all of them.
-  [[nodiscard]] double ambiguityOf(const PoseSolution& solution,
-                                   std::span<const KnownMarker> known) const {
-    const auto largest = std::max_element(
-        known.begin(), known.end(), [](const KnownMarker& a, const KnownMarker& b) {
-          return imageArea(*a.observation.detection) < imageArea(*b.observation.detection);
-        });
-    const auto pose = estimateSquarePose(*largest->observation.detection, largest->size_m,
-                                         camera_.focalLength(), options_.relocalisation.square);
-    if (!pose) return 1.0;
-    if (known.size() == 1) return pose->ratio;
-    const Transform T_c_m = solution.T_w_c.inverse() * largest->T_w_m;
-    const std::size_t other =
-        rotationDistance(T_c_m.R, pose->T_c_m[0].R) < rotationDistance(T_c_m.R, pose->T_c_m[1].R)
-            ? 1
-            : 0;
-    const Transform T_w_c = largest->T_w_m * pose->T_c_m[other].inverse();
-    double cost = 0.0;
-    for (std::size_t i = 0; i < known.size(); ++i) {
-      if (!solution.inlier[i]) continue;
-      constexpr double kBehind = 1e6;  // chi-square of a marker the other pose cannot even see
-      cost += PoseOptimiser::markerChi2(known[i].observation, T_w_c).value_or(kBehind);
-    }
-    return (cost + 1.0) / (solution.chi2 + 1.0);
-  }
-
-  [[nodiscard]] double medianDepth(std::span<const MarkerDetection> detections,
-                                   const Transform& T_w_c) const {
-    std::vector<double> depths;
-    for (const MarkerDetection& detection : detections) {
-      const MapMarker* marker = map_.findPosed(detection.id);
-      if (marker != nullptr) depths.push_back((marker->T_w_m->p - T_w_c.p).norm());
-    }
-    return depths.empty() ? 0.0 : median(std::move(depths));
   }
 
   Options options_;
   CameraModel camera_;
   MarkerDetector detector_;
-  PoseOptimiser optimiser_;
-  MotionModel motion_;
+  Initialiser initialiser_;
+  Tracker tracker_;
+  Mapper mapper_;
+  LoopDetector loop_detector_;
+  MarkerWatch watch_;
   Map map_;
   Counters counters_;
+  int frames_to_next_attempt_ = 0;  // to close a loop, after one was refused
 };
 
-Slam::Slam(const CameraModel& camera, Dictionary dictionary, const Options& options)
-    : impl_(std::make_unique<Impl>(camera, std::move(dictionary), options)) {}
+Slam::Slam(const CameraModel& camera, Dictionary dictionary, const Options& options, Map map)
+    : impl_(std::make_unique<Impl>(camera, std::move(dictionary), options, std::move(map))) {}
 Slam::~Slam() = default;
 
 FrameResult Slam::processFrame(const ImageView& image, const FrameTime& time,
@@ -329,6 +392,7 @@ const Map& Slam::map() const { return impl_->map(); }
 const Counters& Slam::counters() const { return impl_->counters(); }
 const CameraModel& Slam::camera() const { return impl_->camera(); }
 void Slam::optimiseGlobally() { impl_->optimiseMapGlobally(); }
+void Slam::optimiseGloballyWithIntrinsics() { impl_->optimiseMapAndLens(); }
 
 std::optional<PoseEstimate> Slam::localize(std::span<const MarkerDetection> detections,
                                            const Transform& guess_T_w_c) const {

@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "base/image_view.h"
+#include "slam/counters.h"
 #include "slam/detection/dictionary.h"
 #include "slam/detection/marker_detection.h"
 #include "slam/geometry/camera_model.h"
@@ -55,17 +56,6 @@ struct FrameResult {
   std::span<const MarkerDetection> detections;
 };
 
-// Events since the start, each by cause. Fields are read by health and by stats.json.
-struct Counters {
-  std::uint64_t frames = 0;
-  std::uint64_t localized = 0;
-  std::uint64_t keyframes_added = 0;
-  std::uint64_t relocalizations = 0;
-  std::uint64_t loop_closures = 0;
-  std::uint64_t rejected_markers = 0;  // gated out of a pose because they did not fit
-  std::uint64_t rejected_poses = 0;    // a pose was computed and refused
-};
-
 // The caller's stopwatch: the SLAM has no clock of its own, so it says when a stage begins and
 // ends.
 enum class Stage { kDetect, kTrack, kMap };
@@ -78,8 +68,9 @@ class StageObserver {
 
 class Slam {
  public:
+  // Goes on with `map` (of the same dictionary) where one is given; it then starts by relocalising.
   // Precondition: options.invalidReason() is empty.
-  Slam(const CameraModel& camera, Dictionary dictionary, const Options& options);
+  Slam(const CameraModel& camera, Dictionary dictionary, const Options& options, Map map = {});
   ~Slam();
   Slam(const Slam&) = delete;
   Slam& operator=(const Slam&) = delete;
@@ -95,8 +86,11 @@ class Slam {
   [[nodiscard]] const Counters& counters() const;
   [[nodiscard]] const CameraModel& camera() const;
 
-  // Global optimisation of the whole map (section 4.10); for the end of a recording.
+  // Global optimisation of the whole map (section 4.10), for the end of a recording or a map that
+  // is to be saved; does nothing when mapping is off.
   void optimiseGlobally();
+  // The same with the intrinsics among the unknowns (Eq. 41): camera() is then the better lens.
+  void optimiseGloballyWithIntrinsics();
 
   // A frame's pose against the map as it is now, from its detections and a first guess; for
   // trajectory_final. Empty when too few of the markers are in the map.

@@ -17,7 +17,7 @@ class SlamTest : public ::testing::Test {
  protected:
   static Options options() {
     Options o;
-    o.marker_size_m = kSize;
+    o.markers.size_m = kSize;
     return o;
   }
 
@@ -53,7 +53,7 @@ TEST_F(SlamTest, TracksAndMapsAWall) {
   }
   slam_.optimiseGlobally();
   std::size_t posed = 0;
-  for (const auto& [id, marker] : slam_.map().markers) {
+  for (const auto& [id, marker] : slam_.map().markers()) {
     if (!marker.T_w_m) continue;
     ++posed;
     const Transform expected = T_truth_w.inverse() * markers_[static_cast<std::size_t>(id)].T_w_m;
@@ -104,13 +104,13 @@ TEST_F(SlamTest, TheSameInputGivesTheSameBytes) {
 TEST_F(SlamTest, OptionsSayWhatIsWrong) {
   EXPECT_EQ(options().invalidReason(), "");
   Options o = options();
-  o.marker_size_m = 0.0;
+  o.markers.size_m = 0.0;
   EXPECT_NE(o.invalidReason(), "");
   o = options();
   o.detector.scanner.threshold_window_px = 14;
   EXPECT_NE(o.invalidReason(), "");
   o = options();
-  o.keyframes.views_per_marker = 1;
+  o.mapper.keyframes.views_per_marker = 1;
   EXPECT_NE(o.invalidReason(), "");
 }
 

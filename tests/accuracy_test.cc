@@ -153,7 +153,7 @@ TEST_P(SceneAccuracy, EveryFrameIsLocalisedToMillimetres) {
   auto source = simulator::openSimulation(options);
   ASSERT_TRUE(source.ok());
   slam::Options slam_options;
-  slam_options.marker_size_m = (*source)->markers().front().size_m;
+  slam_options.markers.size_m = (*source)->markers().front().size_m;
   slam::Slam slam(CameraModel((*source)->camera()), *slam::Dictionary::byName(options.dictionary),
                   slam_options);
 
@@ -216,7 +216,7 @@ TEST_P(RealRecording, IsLocalised) {
   auto source = capture::openSource((folder / recording.source).string(), {});
   ASSERT_TRUE(source.ok());
   slam::Options options;
-  options.marker_size_m = recording.marker_size_m;
+  options.markers.size_m = recording.marker_size_m;
   slam::Slam slam(CameraModel(*calibration), *slam::Dictionary::byName(recording.dictionary),
                   options);
   const auto dictionary = cv::aruco::getPredefinedDictionary(recording.opencv_dictionary);

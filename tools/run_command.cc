@@ -70,9 +70,9 @@ Result<io::SlamSettings> slamSettings(const RunArguments& arguments) {
       return Error{"--marker-size: '" + arguments.marker_size +
                    "' must be a positive number of metres"};
     }
-    settings.options.marker_size_m = *size_m;
+    settings.options.markers.size_m = *size_m;
   }
-  if (settings.options.marker_size_m == 0.0) return Error{"--marker-size is required" + where};
+  if (settings.options.markers.size_m == 0.0) return Error{"--marker-size is required" + where};
   if (const std::string reason = settings.options.invalidReason(); !reason.empty()) {
     return Error{(arguments.config.empty() ? "" : arguments.config + ": slam: ") + reason};
   }
@@ -111,7 +111,7 @@ Status processAll(RunInput& input, slam::Slam& slam, StageTimer& timer, bool sho
     record->add((*step)->time_ns, (*step)->result);
     bar.update(static_cast<std::int64_t>(record->frames()), [&] {
       return "localized " + io::fixed(record->localizedPercent(), 1) + " %  " +
-             std::to_string(slam.map().markers.size()) + " markers";
+             std::to_string(slam.map().markers().size()) + " markers";
     });
   }
 }
@@ -156,7 +156,7 @@ Result<ExitCode> run(const RunArguments& arguments) {
     std::printf(
         "%zu frames, %zu localized (%.1f %%), %zu markers, %zu keyframes, %.2f ms a frame\n",
         record.frames(), record.localized(), record.localizedPercent(),
-        io::posedMarkerCorners(slam.map()).size(), slam.map().keyframes.size(),
+        io::posedMarkerCorners(slam.map()).size(), slam.map().keyframes().size(),
         timer.totalWall_ms() / std::max<double>(1.0, static_cast<double>(record.frames())));
   }
   return record.localized() > 0 ? kDone : kNoPose;

@@ -14,12 +14,19 @@ using Json = nlohmann::ordered_json;
 Json toJson(const slam::Counters& counters) {
   return {{"keyframes_added", counters.keyframes_added},
           {"rejected_markers", counters.rejected_markers},
-          {"rejected_poses", counters.rejected_poses}};
+          {"rejected_poses", counters.rejected_poses},
+          {"loops_without_drift", counters.loops_without_drift},
+          {"loops_refused", counters.loops_refused},
+          {"clipped_markers", counters.clipped_markers},
+          {"doubled_markers", counters.doubled_markers},
+          {"flipped_markers", counters.flipped_markers},
+          {"quarantined_markers", counters.quarantined_markers},
+          {"refused_markers", counters.refused_markers}};
 }
 
 std::size_t posedMarkers(const slam::Map& map) {
   return static_cast<std::size_t>(
-      std::count_if(map.markers.begin(), map.markers.end(),
+      std::count_if(map.markers().begin(), map.markers().end(),
                     [](const auto& entry) { return entry.second.T_w_m.has_value(); }));
 }
 
@@ -84,7 +91,7 @@ std::string RunRecord::statistics(const slam::Slam& slam, const StageTimer& time
   json["frames"] = frames_.size();
   json["localized"] = localized_;
   json["initialized_at_frame"] = initialized_at_ ? Json(*initialized_at_) : none;
-  json["keyframes"] = slam.map().keyframes.size();
+  json["keyframes"] = slam.map().keyframes().size();
   json["markers"] = posedMarkers(slam.map());
   json["loop_closures"] = counters.loop_closures;
   json["relocalizations"] = counters.relocalizations;

@@ -102,6 +102,54 @@ Eigen::Vector2d CameraModel::distort(const Eigen::Vector2d& normalised,
   return {c_.fx * xd + c_.cx, c_.fy * yd + c_.cy};
 }
 
+IntrinsicVector CameraModel::intrinsics() const {
+  const std::array<double, 8>& d = c_.distortion;
+  const bool fisheye = c_.model == DistortionModel::kEquidistant;
+  IntrinsicVector v;
+  v << c_.fx, c_.fy, c_.cx, c_.cy, d[0], d[1], d[2], d[3], fisheye ? 0.0 : d[4];
+  return v;
+}
+
+Calibration CameraModel::withIntrinsics(const IntrinsicVector& v) const {
+  Calibration c = c_;
+  c.fx = v[0];
+  c.fy = v[1];
+  c.cx = v[2];
+  c.cy = v[3];
+  const std::size_t coefficients = c_.model == DistortionModel::kEquidistant ? 4 : 5;
+  for (std::size_t i = 0; i < coefficients; ++i) {
+    c.distortion[i] = v[4 + static_cast<Eigen::Index>(i)];
+  }
+  return c;
+}
+
+IntrinsicJacobian CameraModel::intrinsicJacobian(const Eigen::Vector2d& normalised) const {
+  const double x = normalised.x();
+  const double y = normalised.y();
+  const double r2 = x * x + y * y;
+  // d (xd, yd) / d coefficients, before the focal lengths.
+  Eigen::Matrix<double, 2, 5> D = Eigen::Matrix<double, 2, 5>::Zero();
+  if (c_.model == DistortionModel::kEquidistant) {
+    const double r = std::sqrt(r2);
+    const double theta = std::atan(r);
+    double power = r > 1e-9 ? theta * theta * theta / r : r2;  // theta^3 / r
+    for (int i = 0; i < 4; ++i, power *= theta * theta) D.col(i) = power * normalised;
+  } else {
+    const std::array<double, 8>& d = c_.distortion;
+    const double den = 1.0 + r2 * (d[5] + r2 * (d[6] + r2 * d[7]));
+    D.col(0) = normalised * (r2 / den);
+    D.col(1) = normalised * (r2 * r2 / den);
+    D.col(2) << 2.0 * x * y, r2 + 2.0 * y * y;
+    D.col(3) << r2 + 2.0 * x * x, 2.0 * x * y;
+    D.col(4) = normalised * (r2 * r2 * r2 / den);
+  }
+  const Eigen::Vector2d pixel = distort(normalised);
+  IntrinsicJacobian J;
+  J << (pixel.x() - c_.cx) / c_.fx, 0.0, 1.0, 0.0, c_.fx * D.row(0),  //
+      0.0, (pixel.y() - c_.cy) / c_.fy, 0.0, 1.0, c_.fy * D.row(1);
+  return J;
+}
+
 std::optional<Eigen::Vector2d> CameraModel::undistort(const Eigen::Vector2d& pixel) const {
   constexpr int kIterations = 30;
   constexpr double kTolerance = 1e-10;

@@ -30,6 +30,11 @@ struct Calibration {
   [[nodiscard]] std::string invalidReason() const;
 };
 
+// What global optimisation may change (delta of seed 1, Eq. 8): fx fy cx cy, then k1 k2 p1 p2 k3 of
+// a rational lens or k1 k2 k3 k4 of an equidistant one, whose ninth entry is 0 and means nothing.
+using IntrinsicVector = Eigen::Matrix<double, 9, 1>;
+using IntrinsicJacobian = Eigen::Matrix<double, 2, 9>;
+
 class CameraModel {
  public:
   // Precondition: calibration.invalidReason() is empty.
@@ -44,6 +49,12 @@ class CameraModel {
   // Normalised to pixel. Jacobian (2x2, d pixel / d normalised) where asked for.
   [[nodiscard]] Eigen::Vector2d distort(const Eigen::Vector2d& normalised,
                                         Eigen::Matrix2d* jacobian = nullptr) const;
+
+  [[nodiscard]] IntrinsicVector intrinsics() const;
+  // The same lens with other intrinsics.
+  [[nodiscard]] Calibration withIntrinsics(const IntrinsicVector& intrinsics) const;
+  // d pixel / d intrinsics of distort().
+  [[nodiscard]] IntrinsicJacobian intrinsicJacobian(const Eigen::Vector2d& normalised) const;
 
   // Pixel to normalised, by Newton iteration to 1e-10. Empty where the model has no inverse there
   // (outside the lens's monotonic range, or 90 degrees and more off axis).

@@ -95,6 +95,31 @@ TEST(CameraModel, JacobianMatchesFiniteDifferences) {
   }
 }
 
+TEST(CameraModel, IntrinsicJacobianMatchesFiniteDifferences) {
+  for (const Calibration& c : all()) {
+    const CameraModel camera(c);
+    const IntrinsicVector v = camera.intrinsics();
+    const Calibration same = camera.withIntrinsics(v);
+    EXPECT_EQ(same.fx, c.fx);
+    EXPECT_EQ(same.distortion, c.distortion);
+    for (const Eigen::Vector2d& n :
+         {Eigen::Vector2d(0.0, 0.0), Eigen::Vector2d(0.2, -0.3), Eigen::Vector2d(-0.35, 0.1)}) {
+      const IntrinsicJacobian J = camera.intrinsicJacobian(n);
+      for (Eigen::Index k = 0; k < v.size(); ++k) {
+        const double h = k < 4 ? 1e-3 : 1e-6;
+        IntrinsicVector plus = v;
+        IntrinsicVector minus = v;
+        plus[k] += h;
+        minus[k] -= h;
+        const Eigen::Vector2d numeric = (CameraModel(camera.withIntrinsics(plus)).distort(n) -
+                                         CameraModel(camera.withIntrinsics(minus)).distort(n)) /
+                                        (2.0 * h);
+        EXPECT_LT((numeric - J.col(k)).norm(), 1e-5 * c.fx) << "parameter " << k;
+      }
+    }
+  }
+}
+
 TEST(CameraModel, HasNoAnswerBehindTheCameraOrOutsideTheLens) {
   const CameraModel camera(plumbBob());
   EXPECT_FALSE(camera.project({0.0, 0.0, -1.0}));

@@ -3,16 +3,16 @@
 namespace waymark::slam {
 
 std::vector<InitialMarker> initialiseFromOneFrame(std::span<const MarkerDetection> detections,
-                                                  double marker_size_m, double focal_px,
-                                                  const InitialisationOptions& options) {
-  std::vector<InitialMarker> markers;
+                                                  const MarkerOptions& markers, double focal_px,
+                                                  double tau_e, const SquarePoseOptions& square) {
+  std::vector<InitialMarker> initial;
   for (const MarkerDetection& detection : detections) {
-    const auto pose = estimateSquarePose(detection, marker_size_m, focal_px, options.square);
-    if (pose && pose->unambiguous(options.ambiguity_ratio)) {
-      markers.push_back({detection.id, pose->T_c_m[0]});
+    const auto pose = estimateSquarePose(detection, markers.sizeOf(detection.id), focal_px, square);
+    if (pose && pose->unambiguous(tau_e)) {
+      initial.push_back({detection.id, pose->T_c_m[0], pose->T_c_m[1]});
     }
   }
-  return markers;
+  return initial;
 }
 
 }  // namespace waymark::slam

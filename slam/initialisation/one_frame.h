@@ -1,28 +1,27 @@
 // One-frame initialisation (seed 1, section 4.1.1).
 #pragma once
 
+#include <optional>
 #include <span>
 #include <vector>
 
 #include "slam/detection/marker_detection.h"
+#include "slam/map/marker_options.h"
 #include "slam/marker_pose/square_pose.h"
 
 namespace waymark::slam {
 
-struct InitialisationOptions {
-  double ambiguity_ratio = 3.0;  // tau_e of Eq. 14
-  SquarePoseOptions square;
-};
-
 struct InitialMarker {
   int id = -1;
-  Transform T_c_m;
+  Transform T_w_m;  // the world is the first frame's camera
+  // The second solution, while nothing but one view's error ratio speaks against it.
+  std::optional<Transform> other_T_w_m;
 };
 
 // Eq. 14: the markers of the frame whose pose is unambiguous; the camera becomes the world's
-// origin. Empty when there is none.
+// origin. Empty when there is none. tau_e: least error ratio.
 [[nodiscard]] std::vector<InitialMarker> initialiseFromOneFrame(
-    std::span<const MarkerDetection> detections, double marker_size_m, double focal_px,
-    const InitialisationOptions& options);
+    std::span<const MarkerDetection> detections, const MarkerOptions& markers, double focal_px,
+    double tau_e, const SquarePoseOptions& square);
 
 }  // namespace waymark::slam

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cstddef>
 #include <limits>
+#include <set>
 #include <vector>
 
 namespace waymark::slam {
@@ -44,6 +45,26 @@ std::vector<std::size_t> farthestViews(const std::vector<Eigen::Vector3d>& views
   return chosen;
 }
 
+std::vector<Eigen::Vector3d> positionsOf(const Map& map, std::span<const KeyframeId> keyframes) {
+  std::vector<Eigen::Vector3d> positions;
+  positions.reserve(keyframes.size());
+  for (const KeyframeId id : keyframes) positions.push_back(map.keyframes().at(id).T_w_c.p);
+  return positions;
+}
+
+// Whether a marker of the frame would choose it among its N_c views.
+bool wouldBeKept(const Map& map, std::span<const MarkerDetection> detections,
+                 const Transform& T_w_c, const KeyframeOptions& options) {
+  const auto count = static_cast<std::size_t>(options.views_per_marker);
+  return std::any_of(detections.begin(), detections.end(), [&](const MarkerDetection& detection) {
+    std::vector<Eigen::Vector3d> views = positionsOf(map, map.viewsOf(detection.id));
+    if (views.size() < count) return true;
+    views.push_back(T_w_c.p);
+    const auto chosen = farthestViews(views, count);
+    return std::find(chosen.begin(), chosen.end(), views.size() - 1) != chosen.end();
+  });
+}
+
 }  // namespace
 
 double viewDistance(const Transform& a, const Transform& b, double depth_m,
@@ -53,15 +74,19 @@ double viewDistance(const Transform& a, const Transform& b, double depth_m,
   return (a.p - b.p).norm() / baseline + rotationDistance(a.R, b.R) / options.min_rotation_rad;
 }
 
-std::size_t referenceKeyframe(const Map& map, const Transform& T_w_c, double depth_m,
-                              const KeyframeOptions& options) {
-  std::size_t best = 0;
+std::optional<KeyframeId> referenceKeyframe(const Map& map,
+                                            std::span<const MarkerDetection> detections,
+                                            const Transform& T_w_c, double depth_m,
+                                            const KeyframeOptions& options) {
+  std::optional<KeyframeId> best;
   double nearest = std::numeric_limits<double>::max();
-  for (std::size_t i = 0; i < map.keyframes.size(); ++i) {
-    const double d = viewDistance(map.keyframes[i].T_w_c, T_w_c, depth_m, options);
-    if (d < nearest) {
-      nearest = d;
-      best = i;
+  for (const MarkerDetection& detection : detections) {
+    for (const KeyframeId id : map.viewsOf(detection.id)) {
+      const double d = viewDistance(map.keyframes().at(id).T_w_c, T_w_c, depth_m, options);
+      if (d < nearest || (d == nearest && id < *best)) {
+        nearest = d;
+        best = id;
+      }
     }
   }
   return best;
@@ -75,30 +100,33 @@ KeyframeReason keyframeReason(const Map& map, std::span<const MarkerDetection> d
                   [&](const MarkerDetection& d) { return map.find(d.id) == nullptr; });
   if (has_new) return KeyframeReason::kNewMarker;
   if (resolved) return KeyframeReason::kMarkerResolved;
-  const Keyframe& reference = map.keyframes[referenceKeyframe(map, T_w_c, depth_m, options)];
-  if (viewDistance(reference.T_w_c, T_w_c, depth_m, options) > 1.0) {
+  const auto reference = referenceKeyframe(map, detections, T_w_c, depth_m, options);
+  if (!reference) return KeyframeReason::kBaseline;
+  const Transform& nearest = map.keyframes().at(*reference).T_w_c;
+  if (viewDistance(nearest, T_w_c, depth_m, options) > 1.0 &&
+      wouldBeKept(map, detections, T_w_c, options)) {
     return KeyframeReason::kBaseline;
   }
   return KeyframeReason::kNone;
 }
 
-int cullKeyframes(Map* map, const KeyframeOptions& options) {
-  std::vector<bool> keep(map->keyframes.size(), false);
-  keep[0] = true;
-  for (const auto& [id, marker] : map->markers) {
-    std::vector<std::size_t> seen_in;
-    std::vector<Eigen::Vector3d> views;
-    for (std::size_t i = 0; i < map->keyframes.size(); ++i) {
-      if (map->keyframes[i].find(id) == nullptr) continue;
-      seen_in.push_back(i);
-      views.push_back(map->keyframes[i].T_w_c.p);
+int cullKeyframes(Map* map, KeyframeId newest, const KeyframeOptions& options) {
+  const std::vector<KeyframeId> near = map->neighbours(newest);
+  std::set<KeyframeId> chosen = {newest, map->keyframes().begin()->first};
+  const auto count = static_cast<std::size_t>(options.views_per_marker);
+  for (const int id : map->markersSeenFrom(near)) {
+    const auto views = map->viewsOf(id);
+    for (const std::size_t i : farthestViews(positionsOf(*map, views), count)) {
+      chosen.insert(views[i]);
     }
-    const auto count = static_cast<std::size_t>(options.views_per_marker);
-    for (const std::size_t chosen : farthestViews(views, count)) keep[seen_in[chosen]] = true;
   }
-  std::size_t i = 0;
-  return static_cast<int>(
-      std::erase_if(map->keyframes, [&](const Keyframe&) { return !keep[i++]; }));
+  int removed = 0;
+  for (const KeyframeId id : near) {
+    if (chosen.count(id) != 0) continue;
+    map->removeKeyframe(id);
+    ++removed;
+  }
+  return removed;
 }
 
 }  // namespace waymark::slam

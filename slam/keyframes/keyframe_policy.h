@@ -1,6 +1,7 @@
 // When a frame becomes a keyframe, and which keyframes are let go (seed 1, sections 4.2, 4.4, 4.6).
 #pragma once
 
+#include <optional>
 #include <span>
 
 #include "slam/map/map.h"
@@ -25,21 +26,25 @@ struct KeyframeOptions {
 [[nodiscard]] double viewDistance(const Transform& a, const Transform& b, double depth_m,
                                   const KeyframeOptions& options);
 
-// Index of the keyframe nearest to the pose (omega of Eq. 21, with the rotation counted too).
-// Precondition: the map has a keyframe.
-[[nodiscard]] std::size_t referenceKeyframe(const Map& map, const Transform& T_w_c, double depth_m,
-                                            const KeyframeOptions& options);
+// The keyframe nearest to the pose (omega of Eq. 21, with the rotation counted too) among those
+// that see one of the detected markers: a nearer one behind a wall, or behind drift, says nothing
+// about this frame. Empty when there is none.
+[[nodiscard]] std::optional<KeyframeId> referenceKeyframe(
+    const Map& map, std::span<const MarkerDetection> detections, const Transform& T_w_c,
+    double depth_m, const KeyframeOptions& options);
 
 enum class KeyframeReason { kNone, kNewMarker, kMarkerResolved, kBaseline };
 
-// Rules 1, 2a and 2b of section 4.4. `resolved`: an unposed marker is unambiguous in this frame.
+// Rules 1, 2a and 2b of section 4.4. `resolved`: an unposed marker is unambiguous in this frame. By
+// rule 2b a frame is taken only if culling would keep it.
 [[nodiscard]] KeyframeReason keyframeReason(const Map& map,
                                             std::span<const MarkerDetection> detections,
                                             const Transform& T_w_c, double depth_m, bool resolved,
                                             const KeyframeOptions& options);
 
-// Section 4.6: for each marker the N_c keyframes farthest from each other; keyframes that no marker
-// chose are removed, except the first (the gauge). Returns how many went.
-int cullKeyframes(Map* map, const KeyframeOptions& options);
+// Section 4.6, for the neighbourhood of a new keyframe: for each marker the N_c keyframes farthest
+// from each other; of its neighbours those that no marker chose are removed. The map's first
+// keyframe (the gauge) and the new one stay. Returns how many went.
+int cullKeyframes(Map* map, KeyframeId newest, const KeyframeOptions& options);
 
 }  // namespace waymark::slam

@@ -11,16 +11,17 @@ MarkerDetection seen(int id) {
   return d;
 }
 
-// A line of keyframes 10 cm apart that all see marker 1.
-Map lineOfKeyframes(int count) {
+// A line of keyframes 10 cm apart that all see marker 1; one of them sees marker 2 as well.
+Map lineOfKeyframes(int count, int sees_another = -1) {
   Map map;
-  map.markers[1] = {1, 0.1, Transform{}};
+  map.addMarker(1, 0.1).T_w_m = Transform{};
+  map.addMarker(2, 0.1).T_w_m = Transform{};
   for (int i = 0; i < count; ++i) {
     Keyframe keyframe;
-    keyframe.index = map.next_keyframe_index++;
     keyframe.T_w_c.p = {0.1 * i, 0.0, 0.0};
     keyframe.detections = {seen(1)};
-    map.keyframes.push_back(keyframe);
+    if (i == sees_another) keyframe.detections.push_back(seen(2));
+    (void)map.addKeyframe(keyframe);
   }
   return map;
 }
@@ -30,7 +31,7 @@ TEST(KeyframePolicy, FollowsTheRulesOfSection44) {
   const Map map = lineOfKeyframes(1);
   Transform here;
   const std::vector<MarkerDetection> known = {seen(1)};
-  const std::vector<MarkerDetection> with_new = {seen(1), seen(2)};
+  const std::vector<MarkerDetection> with_new = {seen(1), seen(3)};
   EXPECT_EQ(keyframeReason(map, known, here, 2.0, false, options), KeyframeReason::kNone);
   EXPECT_EQ(keyframeReason(map, with_new, here, 2.0, false, options), KeyframeReason::kNewMarker);
   EXPECT_EQ(keyframeReason(map, known, here, 2.0, true, options), KeyframeReason::kMarkerResolved);
@@ -40,36 +41,51 @@ TEST(KeyframePolicy, FollowsTheRulesOfSection44) {
   EXPECT_EQ(keyframeReason(map, known, here, 2.0, false, options), KeyframeReason::kBaseline);
 }
 
-TEST(KeyframePolicy, ReferenceIsTheNearest) {
-  const Map map = lineOfKeyframes(5);
+// A frame that culling would let go at once is none.
+TEST(KeyframePolicy, TakesNoFrameThatCullingWouldNotKeep) {
+  KeyframeOptions options;
+  options.views_per_marker = 3;
+  const Map map = lineOfKeyframes(3);
+  const std::vector<MarkerDetection> known = {seen(1)};
+  Transform inside;
+  inside.p.x() = 0.05;
+  EXPECT_EQ(keyframeReason(map, known, inside, 0.5, false, options), KeyframeReason::kNone);
+  Transform outside;
+  outside.p.x() = 0.35;
+  EXPECT_EQ(keyframeReason(map, known, outside, 0.5, false, options), KeyframeReason::kBaseline);
+}
+
+TEST(KeyframePolicy, ReferenceIsTheNearestThatSeesAMarkerOfTheFrame) {
+  const Map map = lineOfKeyframes(5, 1);
   Transform here;
   here.p = {0.31, 0.02, 0.0};
-  EXPECT_EQ(referenceKeyframe(map, here, 1.0, {}), 3U);
+  const std::vector<MarkerDetection> first = {seen(1)};
+  const std::vector<MarkerDetection> second = {seen(2)};
+  EXPECT_EQ(referenceKeyframe(map, first, here, 1.0, {}), 3);
+  EXPECT_EQ(referenceKeyframe(map, second, here, 1.0, {}), 1);
+  EXPECT_EQ(referenceKeyframe(map, {}, here, 1.0, {}), std::nullopt);
 }
 
 TEST(KeyframePolicy, CullingKeepsTheMostDistantViewsAndTheFirst) {
   Map map = lineOfKeyframes(21);
   KeyframeOptions options;
   options.views_per_marker = 5;
-  EXPECT_EQ(cullKeyframes(&map, options), 16);
-  ASSERT_EQ(map.keyframes.size(), 5U);
-  EXPECT_EQ(map.keyframes.front().index, 0);
-  EXPECT_EQ(map.keyframes.back().index, 20);
-  EXPECT_EQ(map.keyframes[2].index, 10);  // the middle one is the farthest from both ends
+  EXPECT_EQ(cullKeyframes(&map, 20, options), 16);
+  ASSERT_EQ(map.keyframes().size(), 5U);
+  EXPECT_EQ(map.keyframes().begin()->first, 0);
+  EXPECT_EQ(map.keyframes().rbegin()->first, 20);
+  EXPECT_EQ(map.keyframes().count(10), 1U);  // the middle one is the farthest from both ends
   // Nothing to do the second time.
-  EXPECT_EQ(cullKeyframes(&map, options), 0);
+  EXPECT_EQ(cullKeyframes(&map, 20, options), 0);
 }
 
 TEST(KeyframePolicy, CullingLeavesAMarkerItsOnlyViews) {
-  Map map = lineOfKeyframes(21);
-  map.markers[2] = {2, 0.1, Transform{}};
-  map.keyframes[7].detections.push_back(seen(2));
+  Map map = lineOfKeyframes(21, 7);
   KeyframeOptions options;
   options.views_per_marker = 3;
-  (void)cullKeyframes(&map, options);
-  const bool kept = std::any_of(map.keyframes.begin(), map.keyframes.end(),
-                                [](const Keyframe& k) { return k.index == 7; });
-  EXPECT_TRUE(kept);
+  (void)cullKeyframes(&map, 20, options);
+  EXPECT_EQ(map.keyframes().count(7), 1U);
+  EXPECT_EQ(map.viewsOf(2).size(), 1U);
 }
 
 }  // namespace

@@ -1,6 +1,18 @@
 #include "slam/map/map.h"
 
+#include <algorithm>
+#include <utility>
+
 namespace waymark::slam {
+namespace {
+
+template <typename T>
+void sortUnique(std::vector<T>* values) {
+  std::sort(values->begin(), values->end());
+  values->erase(std::unique(values->begin(), values->end()), values->end());
+}
+
+}  // namespace
 
 std::array<Eigen::Vector3d, 4> MapMarker::cornersInWorld() const {
   std::array<Eigen::Vector3d, 4> corners = markerCorners(size_m);
@@ -8,21 +20,116 @@ std::array<Eigen::Vector3d, 4> MapMarker::cornersInWorld() const {
   return corners;
 }
 
-const MarkerDetection* Keyframe::find(int id) const {
-  for (const MarkerDetection& detection : detections) {
-    if (detection.id == id) return &detection;
-  }
-  return nullptr;
+const MarkerDetection* Keyframe::find(int marker_id) const {
+  const auto found =
+      std::lower_bound(detections.begin(), detections.end(), marker_id,
+                       [](const MarkerDetection& d, int wanted) { return d.id < wanted; });
+  return found != detections.end() && found->id == marker_id ? &*found : nullptr;
 }
 
-const MapMarker* Map::find(int id) const {
-  const auto found = markers.find(id);
-  return found == markers.end() ? nullptr : &found->second;
+const MapMarker* Map::find(int marker_id) const {
+  const auto found = markers_.find(marker_id);
+  return found == markers_.end() ? nullptr : &found->second;
 }
 
-const MapMarker* Map::findPosed(int id) const {
-  const MapMarker* marker = find(id);
+const MapMarker* Map::findPosed(int marker_id) const {
+  const MapMarker* marker = find(marker_id);
   return marker != nullptr && marker->T_w_m ? marker : nullptr;
+}
+
+std::span<const KeyframeId> Map::viewsOf(int marker_id) const {
+  const auto found = views_.find(marker_id);
+  if (found == views_.end()) return {};
+  return found->second;
+}
+
+std::vector<KeyframeId> Map::neighbours(KeyframeId keyframe) const {
+  std::vector<KeyframeId> neighbours{keyframe};
+  for (const MarkerDetection& detection : keyframes_.at(keyframe).detections) {
+    const auto views = viewsOf(detection.id);
+    neighbours.insert(neighbours.end(), views.begin(), views.end());
+  }
+  sortUnique(&neighbours);
+  return neighbours;
+}
+
+std::vector<int> Map::markersSeenFrom(std::span<const KeyframeId> keyframes) const {
+  std::vector<int> markers;
+  for (const KeyframeId id : keyframes) {
+    for (const MarkerDetection& detection : keyframes_.at(id).detections) {
+      markers.push_back(detection.id);
+    }
+  }
+  sortUnique(&markers);
+  return markers;
+}
+
+MapMarker& Map::addMarker(int marker_id, double size_m) {
+  MapMarker& marker = markers_[marker_id];
+  if (marker.id < 0) {
+    marker.id = marker_id;
+    marker.size_m = size_m;
+  }
+  return marker;
+}
+
+KeyframeId Map::addKeyframe(Keyframe keyframe) {
+  keyframe.id = std::max(keyframe.id, next_keyframe_);
+  next_keyframe_ = keyframe.id + 1;
+  std::sort(keyframe.detections.begin(), keyframe.detections.end(),
+            [](const MarkerDetection& a, const MarkerDetection& b) { return a.id < b.id; });
+  for (const MarkerDetection& detection : keyframe.detections) {
+    views_[detection.id].push_back(keyframe.id);
+  }
+  const KeyframeId id = keyframe.id;
+  keyframes_.emplace_hint(keyframes_.end(), id, std::move(keyframe));
+  return id;
+}
+
+void Map::removeKeyframe(KeyframeId id) {
+  for (const MarkerDetection& detection : keyframes_.at(id).detections) {
+    std::erase(views_[detection.id], id);
+  }
+  keyframes_.erase(id);
+}
+
+void Map::removeViews(int marker_id, std::span<const KeyframeId> keyframes) {
+  const std::vector<KeyframeId> gone(keyframes.begin(), keyframes.end());  // may be viewsOf()
+  for (const KeyframeId id : gone) {
+    std::erase_if(keyframes_.at(id).detections,
+                  [&](const MarkerDetection& d) { return d.id == marker_id; });
+    std::erase(views_[marker_id], id);
+  }
+}
+
+void Map::moveWorld(const Transform& T_v_w) {
+  Matrix6d turn = Matrix6d::Zero();  // of (dp, dtheta)
+  turn.topLeftCorner<3, 3>() = turn.bottomRightCorner<3, 3>() = T_v_w.R;
+  for (auto& [id, marker] : markers_) {
+    if (marker.T_w_m) marker.T_w_m = T_v_w * *marker.T_w_m;
+    if (marker.other_T_w_m) marker.other_T_w_m = T_v_w * *marker.other_T_w_m;
+    marker.covariance = turn * marker.covariance * turn.transpose();
+    for (Transform& former : marker.former_poses) former = T_v_w * former;
+  }
+  for (auto& [id, keyframe] : keyframes_) keyframe.T_w_c = T_v_w * keyframe.T_w_c;
+}
+
+void Map::undistortAgain(const CameraModel& camera) {
+  for (auto& [id, keyframe] : keyframes_) {
+    std::vector<int> unseen;
+    for (MarkerDetection& detection : keyframe.detections) {
+      for (std::size_t k = 0; k < 4; ++k) {
+        const auto normalised = camera.undistort(detection.pixels[k]);
+        if (normalised) {
+          detection.normalised[k] = *normalised;
+        } else {
+          unseen.push_back(detection.id);
+        }
+      }
+    }
+    const KeyframeId only[] = {id};
+    for (const int marker_id : unseen) removeViews(marker_id, only);
+  }
 }
 
 }  // namespace waymark::slam

@@ -5,19 +5,36 @@
 #include <cstdint>
 #include <map>
 #include <optional>
+#include <span>
 #include <string>
 #include <vector>
 
 #include "slam/detection/marker_detection.h"
+#include "slam/geometry/camera_model.h"
 #include "slam/geometry/transform.h"
 
 namespace waymark::slam {
 
-// gamma_m of the paper. Empty pose: seen, but not yet estimated (the paper's gamma_m = 0).
+// Unique within a map, and ever growing.
+using KeyframeId = std::int64_t;
+
+enum class MarkerState {
+  kUnresolved,   // seen, but its pose is not known yet (the paper's gamma_m = 0)
+  kMapped,       // has a pose
+  kQuarantined,  // its views contradict the map or each other; being estimated anew
+  kRefused,      // two prints of one id, or one that never stays: not used any more
+};
+
 struct MapMarker {
   int id = -1;
   double size_m = 0.0;
-  std::optional<Transform> T_w_m;
+  MarkerState state = MarkerState::kUnresolved;
+  std::optional<Transform> T_w_m;  // gamma_m; has a value when the state is kMapped
+  // The second pose that explains the views nearly as well; empty once the evidence has decided.
+  std::optional<Transform> other_T_w_m;
+  // Of (dp, dtheta) of T_w_m, given the keyframes that see it: metres, radians, world frame.
+  Matrix6d covariance = Matrix6d::Zero();
+  std::vector<Transform> former_poses;  // T_w_m before each quarantine
 
   // Corners in the world, metres. Precondition: T_w_m has a value.
   [[nodiscard]] std::array<Eigen::Vector3d, 4> cornersInWorld() const;
@@ -25,27 +42,60 @@ struct MapMarker {
 
 // A frame kept for optimisation, with the markers it sees (Lambda^i, Eq. 13).
 struct Keyframe {
-  std::int64_t index = -1;  // unique and ever growing within a map
+  KeyframeId id = -1;
   std::uint64_t sequence = 0;
   std::int64_t monotonic_ns = 0;
   Transform T_w_c;                          // inverse of the paper's gamma^i
   std::vector<MarkerDetection> detections;  // sorted by id
 
   // Null when the keyframe does not see the marker.
-  [[nodiscard]] const MarkerDetection* find(int id) const;
+  [[nodiscard]] const MarkerDetection* find(int marker_id) const;
 };
 
-struct Map {
+class Map {
+ public:
   std::string dictionary;
-  std::map<int, MapMarker> markers;  // by id
-  std::vector<Keyframe> keyframes;   // in the order of insertion; the first one fixes the gauge
-  std::int64_t next_keyframe_index = 0;
 
-  [[nodiscard]] bool empty() const { return keyframes.empty(); }
+  [[nodiscard]] bool empty() const { return keyframes_.empty(); }
+  [[nodiscard]] const std::map<int, MapMarker>& markers() const { return markers_; }
+  // In the order of insertion; the first one fixes the gauge.
+  [[nodiscard]] const std::map<KeyframeId, Keyframe>& keyframes() const { return keyframes_; }
+
   // Null when the marker is unknown.
-  [[nodiscard]] const MapMarker* find(int id) const;
-  // Null when the marker is unknown or has no pose yet.
-  [[nodiscard]] const MapMarker* findPosed(int id) const;
+  [[nodiscard]] const MapMarker* find(int marker_id) const;
+  // Null when the marker is unknown or has no pose.
+  [[nodiscard]] const MapMarker* findPosed(int marker_id) const;
+  // V(m) of Eq. 32: the keyframes that see a marker, oldest first.
+  [[nodiscard]] std::span<const KeyframeId> viewsOf(int marker_id) const;
+  // G(f) of Eq. 30: the keyframes that share a marker with the given one, itself among them.
+  // Precondition: the keyframe exists.
+  [[nodiscard]] std::vector<KeyframeId> neighbours(KeyframeId keyframe) const;
+  // G_m of Eq. 31: the markers that any of the keyframes sees, sorted.
+  [[nodiscard]] std::vector<int> markersSeenFrom(std::span<const KeyframeId> keyframes) const;
+
+  // For changes of anything but ids and detections. Precondition: it exists.
+  [[nodiscard]] MapMarker& marker(int marker_id) { return markers_.at(marker_id); }
+  [[nodiscard]] Transform& keyframePose(KeyframeId id) { return keyframes_.at(id).T_w_c; }
+
+  // Adds the marker, without a pose; one that is known already stays as it is.
+  MapMarker& addMarker(int marker_id, double size_m);
+  // Its markers must be known. `keyframe.id` is given here, unless it is a larger one than all
+  // before it (a map read from a file).
+  KeyframeId addKeyframe(Keyframe keyframe);
+  void removeKeyframe(KeyframeId id);
+  // The marker's detections leave these keyframes; a keyframe that sees nothing any more stays.
+  void removeViews(int marker_id, std::span<const KeyframeId> keyframes);
+  // Moves the whole map into another world: every T_w_x becomes T_v_w * T_w_x.
+  void moveWorld(const Transform& T_v_w);
+  // The lens turned out to be another one: the detections' normalised corners follow from their
+  // pixels anew. One that the new lens cannot have seen leaves its keyframe.
+  void undistortAgain(const CameraModel& camera);
+
+ private:
+  std::map<int, MapMarker> markers_;
+  std::map<KeyframeId, Keyframe> keyframes_;
+  std::map<int, std::vector<KeyframeId>> views_;  // by marker; ascending
+  KeyframeId next_keyframe_ = 0;
 };
 
 }  // namespace waymark::slam

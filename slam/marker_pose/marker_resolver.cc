@@ -45,46 +45,72 @@ Candidate refine(const Candidate& candidate, std::span<const MarkerView> views, 
   return refined ? Candidate{refined->T, refined->normal.cost} : candidate;
 }
 
-}  // namespace
-
-std::optional<Transform> resolveMarkerPose(std::span<const MarkerView> views, double size_m,
-                                           double focal_px, const MarkerResolverOptions& options) {
-  if (static_cast<int>(views.size()) < options.min_views) return std::nullopt;
-  std::vector<Candidate> candidates;  // Theta_m of Eq. 24, in the world
-  double corner_variance = 0.0;
+// Theta_m of Eq. 24, in the world, the best first.
+std::vector<Candidate> proposePoses(std::span<const MarkerView> views, double size_m,
+                                    double focal_px, const SquarePoseOptions& options) {
+  std::vector<Candidate> candidates;
   for (const MarkerView& view : views) {
-    const auto pose = estimateSquarePose(*view.detection, size_m, focal_px, options.square);
+    const auto pose = estimateSquarePose(*view.detection, size_m, focal_px, options);
     if (!pose) continue;
     for (const Transform& T_c_m : pose->T_c_m) {
       const Transform T_w_m = view.T_w_c * T_c_m;
       PoseNormal normal;
       if (linearise(T_w_m, views, size_m, &normal)) candidates.push_back({T_w_m, normal.cost});
     }
-    for (const Eigen::Matrix2d& covariance : view.detection->covariance) {
-      corner_variance += covariance.trace() / (8.0 * static_cast<double>(views.size()));
-    }
   }
-  if (candidates.empty()) return std::nullopt;
   std::sort(candidates.begin(), candidates.end(),
             [](const Candidate& a, const Candidate& b) { return a.cost < b.cost; });
+  return candidates;
+}
 
+// Of a corner's coordinate, normalised.
+double meanCornerVariance(std::span<const MarkerView> views) {
+  double variance = 0.0;
+  for (const MarkerView& view : views) {
+    for (const Eigen::Matrix2d& covariance : view.detection->covariance) {
+      variance += covariance.trace() / (8.0 * static_cast<double>(views.size()));
+    }
+  }
+  return variance;
+}
+
+}  // namespace
+
+MarkerResolution resolveMarkerPose(std::span<const MarkerView> views, double size_m,
+                                   double focal_px, double noise,
+                                   const MarkerResolverOptions& options) {
+  MarkerResolution resolution;
+  if (static_cast<int>(views.size()) < options.min_views) return resolution;
+  const std::vector<Candidate> candidates = proposePoses(views, size_m, focal_px, options.square);
+  if (candidates.empty()) {
+    resolution.verdict = ResolverVerdict::kContradictory;
+    return resolution;
+  }
   // The best pose, and the best one that stays another pose after refinement.
   constexpr double kOtherOrientation = 0.05;  // radians
   const Candidate best = refine(candidates.front(), views, size_m);
+  resolution.T_w_m = best.T_w_m;
   double other_cost = std::numeric_limits<double>::infinity();
   for (std::size_t i = 1; i < candidates.size(); ++i) {
     if (rotationDistance(candidates[i].T_w_m.R, best.T_w_m.R) < kOtherOrientation) continue;
     const Candidate other = refine(candidates[i], views, size_m);
     if (rotationDistance(other.T_w_m.R, best.T_w_m.R) < kOtherOrientation) continue;
-    other_cost = std::min(other_cost, other.cost);
+    other_cost = other.cost;
+    resolution.other_T_w_m = other.T_w_m;
     break;  // candidates are sorted: the first true alternative is the strongest
   }
   const double n = static_cast<double>(views.size());
-  if (!(best.cost <= options.worst_chi2_per_view * n)) return std::nullopt;
-  const double floor =
-      comparisonFloor(corner_variance, focal_px, static_cast<int>(views.size()), options.square);
-  if ((other_cost + floor) / (best.cost + floor) < options.ambiguity_ratio) return std::nullopt;
-  return best.T_w_m;
+  if (!(best.cost <= options.worst_chi2_per_view * noise * noise * n)) {
+    resolution.verdict = ResolverVerdict::kContradictory;
+    return resolution;
+  }
+  const double floor = comparisonFloor(meanCornerVariance(views), focal_px,
+                                       static_cast<int>(views.size()), options.square);
+  resolution.ratio = (other_cost + floor) / (best.cost + floor);
+  resolution.verdict = resolution.ratio < options.ambiguity_ratio ? ResolverVerdict::kUndecided
+                                                                  : ResolverVerdict::kResolved;
+  if (resolution.ratio >= options.final_ratio) resolution.other_T_w_m.reset();
+  return resolution;
 }
 
 }  // namespace waymark::slam

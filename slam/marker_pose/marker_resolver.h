@@ -16,7 +16,12 @@ struct MarkerResolverOptions {
   // The best of the 2n candidates must explain the views this many times better than the best one
   // of the other orientation (tau_e).
   double ambiguity_ratio = 3.0;
-  // Largest acceptable mean chi-square per view of the best pose (8 residuals each).
+  // From this ratio on the other orientation is forgotten; below it a resolved marker is looked at
+  // again with every new keyframe. Larger keeps a wrong choice curable for longer and costs time.
+  double final_ratio = 20.0;
+  // Largest acceptable mean chi-square per view of the best pose (8 residuals each), in units of
+  // the map's noise. Above it the views contradict each other: the marker moved between them, or
+  // its size is wrong.
   double worst_chi2_per_view = 200.0;
   SquarePoseOptions square;
 };
@@ -26,10 +31,24 @@ struct MarkerView {
   Transform T_w_c;
 };
 
+enum class ResolverVerdict {
+  kTooFewViews,
+  kUndecided,      // two poses explain the views about equally well
+  kContradictory,  // no pose explains the views
+  kResolved,
+};
+
+struct MarkerResolution {
+  ResolverVerdict verdict = ResolverVerdict::kTooFewViews;
+  Transform T_w_m;                       // the best pose; meaningful unless kTooFewViews
+  std::optional<Transform> other_T_w_m;  // the best of another orientation, where one is left
+  double ratio = 1.0;                    // how much better the best one explains the views
+};
+
 // Eq. 24-27: of the two solutions of each view, the one that minimises the reprojection error in
-// all of them, refined over all views. Empty while the evidence does not decide.
-[[nodiscard]] std::optional<Transform> resolveMarkerPose(std::span<const MarkerView> views,
-                                                         double size_m, double focal_px,
-                                                         const MarkerResolverOptions& options = {});
+// all of them, refined over all views. noise: standard deviation of the map's whitened residuals.
+[[nodiscard]] MarkerResolution resolveMarkerPose(std::span<const MarkerView> views, double size_m,
+                                                 double focal_px, double noise,
+                                                 const MarkerResolverOptions& options = {});
 
 }  // namespace waymark::slam

@@ -36,23 +36,37 @@ class MarkerResolverTest : public ::testing::Test {
 };
 
 TEST_F(MarkerResolverTest, ManyAmbiguousViewsDecide) {
-  const auto many = views(8, 0.35);
-  const auto pose = resolveMarkerPose(many, kSize, camera_.focalLength());
-  ASSERT_TRUE(pose);
-  EXPECT_LT(rotationDistance(pose->R, T_w_m_.R), 0.06);
-  EXPECT_LT((pose->p - T_w_m_.p).norm(), 0.02);
+  const auto found = resolveMarkerPose(views(8, 0.35), kSize, camera_.focalLength(), 1.0);
+  ASSERT_EQ(found.verdict, ResolverVerdict::kResolved);
+  EXPECT_GT(found.ratio, 3.0);
+  EXPECT_LT(rotationDistance(found.T_w_m.R, T_w_m_.R), 0.06);
+  EXPECT_LT((found.T_w_m.p - T_w_m_.p).norm(), 0.02);
 }
 
 TEST_F(MarkerResolverTest, TooFewViewsOrNoBaselineDoNot) {
-  EXPECT_FALSE(resolveMarkerPose(views(2, 0.35), kSize, camera_.focalLength()));
-  EXPECT_FALSE(resolveMarkerPose(views(6, 0.001), kSize, camera_.focalLength()));
-  EXPECT_FALSE(resolveMarkerPose({}, kSize, camera_.focalLength()));
+  const auto verdict = [&](const std::vector<MarkerView>& views) {
+    return resolveMarkerPose(views, kSize, camera_.focalLength(), 1.0).verdict;
+  };
+  EXPECT_EQ(verdict(views(2, 0.35)), ResolverVerdict::kTooFewViews);
+  EXPECT_EQ(verdict(views(6, 0.001)), ResolverVerdict::kUndecided);
+  EXPECT_EQ(verdict({}), ResolverVerdict::kTooFewViews);
+}
+
+// What is undecided is not lost: both poses are there.
+TEST_F(MarkerResolverTest, KeepsTheSecondHypothesis) {
+  const auto found = resolveMarkerPose(views(4, 0.01), kSize, camera_.focalLength(), 1.0);
+  ASSERT_EQ(found.verdict, ResolverVerdict::kUndecided);
+  ASSERT_TRUE(found.other_T_w_m);
+  EXPECT_LT(std::min(rotationDistance(found.T_w_m.R, T_w_m_.R),
+                     rotationDistance(found.other_T_w_m->R, T_w_m_.R)),
+            0.1);
 }
 
 TEST_F(MarkerResolverTest, RefusesViewsThatContradictEachOther) {
   auto many = views(8, 0.35);
   for (std::size_t i = 0; i < many.size(); i += 2) many[i].T_w_c.p.x() += 0.5;  // wrong poses
-  EXPECT_FALSE(resolveMarkerPose(many, kSize, camera_.focalLength()));
+  const auto found = resolveMarkerPose(many, kSize, camera_.focalLength(), 1.0);
+  EXPECT_EQ(found.verdict, ResolverVerdict::kContradictory);
 }
 
 }  // namespace

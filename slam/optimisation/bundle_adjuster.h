@@ -1,15 +1,15 @@
 // Joint optimisation of keyframe and marker poses: the solver behind local (seed 1, section 4.7)
 // and global optimisation (section 4.10).
 //
-// Levenberg-Marquardt on Eq. 33 with Huber's kernel and the corners' covariances as weights. Every
-// pose has 6 unknowns; the more numerous kind (keyframes or markers) is eliminated by the Schur
-// complement, block by block, and the rest solved densely.
+// Levenberg-Marquardt on Eq. 33 (Eq. 41 with intrinsics) with Huber's kernel and the corners'
+// covariances as weights. Every pose has 6 unknowns; the more numerous kind (keyframes or markers)
+// is eliminated by the Schur complement, block by block, and the rest solved as one system.
 #pragma once
 
 #include <vector>
 
-#include "slam/detection/marker_detection.h"
-#include "slam/geometry/transform.h"
+#include "slam/optimisation/bundle_problem.h"
+#include "slam/optimisation/normal_equations.h"
 
 namespace waymark::slam {
 
@@ -24,32 +24,45 @@ struct BundleOptions {
   bool estimate_noise = true;
 };
 
-struct BundleProblem {
-  struct Pose {
-    Transform T;  // T_w_c or T_w_m
-    bool fixed = false;
-  };
-  struct Observation {
-    int camera = 0;  // index into cameras
-    int marker = 0;  // index into markers
-    const MarkerDetection* detection = nullptr;
-  };
-  std::vector<Pose> cameras;
-  std::vector<Pose> markers;
-  std::vector<double> marker_sizes_m;  // as many as markers
-  std::vector<Observation> observations;
-};
-
 struct BundleSummary {
   double initial_cost = 0.0;  // robust, whitened
   double final_cost = 0.0;
   int iterations = 0;
+  // Standard deviation of the whitened residuals at the start; 1 when it was not estimated.
+  double noise = 1.0;
   // A step could not be computed (singular problem): the poses are the best found so far.
   bool failed = false;
 };
 
-// Improves the poses in place. At least one pose should be fixed, or the gauge floats (and is held
-// by the damping only).
+// An adjustment that can be done in slices: every step() is one iteration.
+class BundleAdjuster {
+ public:
+  // At least one pose should be fixed or have a prior, or the gauge floats (and is held by the
+  // damping only). The detections must outlive the adjuster.
+  BundleAdjuster(BundleProblem problem, const BundleOptions& options);
+
+  // One iteration. False when there is nothing left to do.
+  bool step();
+
+  // The poses so far.
+  [[nodiscard]] const BundleProblem& problem() const { return problem_; }
+  [[nodiscard]] const BundleSummary& summary() const { return summary_; }
+  // Of a marker's (dp, dtheta), given the cameras: the inverse of its own block of the normal
+  // equations, scaled by the noise. Zero for a marker nobody sees.
+  [[nodiscard]] Matrix6d markerCovariance(int marker) const;
+
+ private:
+  BundleProblem problem_;
+  BundleProblem trial_;
+  std::vector<WhitenedCorners> whitened_;  // by observation
+  NormalEquations equations_;              // at problem_
+  BundleOptions options_;
+  BundleSummary summary_;
+  double lambda_ = 1e-5;
+  bool done_ = false;
+};
+
+// All steps at once; improves the problem in place.
 BundleSummary adjustBundle(BundleProblem* problem, const BundleOptions& options = {});
 
 // The robust cost of the problem as it stands; infinite when a corner is behind its camera.

@@ -1,91 +1,146 @@
 #include "slam/optimisation/map_optimiser.h"
 
-#include <algorithm>
+#include <limits>
 #include <map>
-#include <set>
+#include <utility>
 #include <vector>
+
+#include "slam/geometry/robust.h"
 
 namespace waymark::slam {
 namespace {
 
-enum class Role { kLeftOut, kFixed, kFree };
+// Takes part in the problem; the value says whether it is held fixed.
+using KeyframeRoles = std::map<KeyframeId, bool>;
 
-bool sharesMarker(const Keyframe& a, const Keyframe& b) {
-  return std::any_of(a.detections.begin(), a.detections.end(),
-                     [&](const MarkerDetection& d) { return b.find(d.id) != nullptr; });
-}
+// A part of the map as a bundle problem, and the way back.
+class MapProblem {
+ public:
+  MapProblem(const Map& map, const KeyframeRoles& roles, std::span<const int> marker_ids,
+             const MarkerOptions& markers) {
+    addMarkers(map, marker_ids, markers);
+    addKeyframes(map, roles, markers);
+  }
 
-// Builds the problem from the keyframes' roles and the markers' ids, solves it and writes the poses
-// back.
-BundleSummary optimise(Map* map, const std::vector<Role>& roles, const std::set<int>& marker_ids,
-                       const BundleOptions& options) {
   BundleProblem problem;
-  std::map<int, int> marker_index;
-  for (const int id : marker_ids) {
-    const MapMarker& marker = map->markers.at(id);
-    marker_index[id] = static_cast<int>(problem.markers.size());
-    problem.markers.push_back({*marker.T_w_m, false});
-    problem.marker_sizes_m.push_back(marker.size_m);
-  }
-  std::vector<std::size_t> camera_keyframe;
-  for (std::size_t i = 0; i < map->keyframes.size(); ++i) {
-    if (roles[i] == Role::kLeftOut) continue;
-    const Keyframe& keyframe = map->keyframes[i];
-    const int camera = static_cast<int>(problem.cameras.size());
-    bool used = false;
-    for (const MarkerDetection& detection : keyframe.detections) {
-      const auto found = marker_index.find(detection.id);
-      if (found == marker_index.end()) continue;
-      problem.observations.push_back({camera, found->second, &detection});
-      used = true;
+
+  BundleSummary optimise(Map* map, const BundleOptions& options) {
+    BundleAdjuster adjuster(std::move(problem), options);
+    while (adjuster.step()) {
     }
-    if (!used) continue;
-    problem.cameras.push_back({keyframe.T_w_c, roles[i] == Role::kFixed});
-    camera_keyframe.push_back(i);
+    problem = adjuster.problem();
+    for (std::size_t c = 0; c < keyframes_.size(); ++c) {
+      map->keyframePose(keyframes_[c]) = problem.cameras[c].T;
+    }
+    for (const auto& [id, index] : marker_index_) {
+      MapMarker& marker = map->marker(id);
+      marker.T_w_m = problem.markers[static_cast<std::size_t>(index)].T;
+      marker.covariance = adjuster.markerCovariance(index);
+    }
+    return adjuster.summary();
   }
-  const BundleSummary summary = adjustBundle(&problem, options);
-  for (std::size_t c = 0; c < problem.cameras.size(); ++c) {
-    map->keyframes[camera_keyframe[c]].T_w_c = problem.cameras[c].T;
+
+ private:
+  void addMarkers(const Map& map, std::span<const int> marker_ids, const MarkerOptions& markers) {
+    for (const int id : marker_ids) {
+      const MapMarker* marker = map.findPosed(id);
+      if (marker == nullptr) continue;
+      marker_index_[id] = static_cast<int>(problem.markers.size());
+      problem.markers.push_back({*marker->T_w_m, markers.origin_marker == id});
+      problem.marker_sizes_m.push_back(marker->size_m);
+    }
+    for (const Anchor& anchor : markers.anchors) {
+      const auto found = marker_index_.find(anchor.id);
+      if (found == marker_index_.end()) continue;
+      Vector6d information;
+      information << Eigen::Vector3d::Constant(1.0 / (anchor.sigma_m * anchor.sigma_m)),
+          Eigen::Vector3d::Constant(1.0 / (anchor.sigma_rad * anchor.sigma_rad));
+      problem.priors.push_back({found->second, anchor.T_w_m, information.asDiagonal()});
+    }
   }
-  for (const auto& [id, index] : marker_index) {
-    map->markers.at(id).T_w_m = problem.markers[static_cast<std::size_t>(index)].T;
+
+  void addKeyframes(const Map& map, const KeyframeRoles& roles, const MarkerOptions& markers) {
+    const bool first_is_world = !markers.origin_marker && markers.anchors.empty();
+    for (const auto& [id, held] : roles) {
+      const Keyframe& keyframe = map.keyframes().at(id);
+      const int camera = static_cast<int>(problem.cameras.size());
+      const std::size_t before = problem.observations.size();
+      for (const MarkerDetection& detection : keyframe.detections) {
+        const auto found = marker_index_.find(detection.id);
+        if (found == marker_index_.end()) continue;
+        problem.observations.push_back({camera, found->second, &detection});
+      }
+      if (problem.observations.size() == before) continue;
+      const bool is_world = first_is_world && id == map.keyframes().begin()->first;
+      problem.cameras.push_back({keyframe.T_w_c, held || is_world});
+      keyframes_.push_back(id);
+    }
   }
-  return summary;
+
+  std::map<int, int> marker_index_;    // by id
+  std::vector<KeyframeId> keyframes_;  // by camera
+};
+
+MapProblem wholeMap(const Map& map, const MarkerOptions& markers) {
+  KeyframeRoles roles;
+  for (const auto& [id, keyframe] : map.keyframes()) roles[id] = false;
+  std::vector<int> ids;
+  for (const auto& [id, marker] : map.markers()) ids.push_back(id);
+  return {map, roles, ids, markers};
 }
 
 }  // namespace
 
-BundleSummary optimiseLocally(Map* map, std::size_t keyframe, const BundleOptions& options) {
-  const Keyframe& newest = map->keyframes[keyframe];
-  std::vector<Role> roles(map->keyframes.size(), Role::kLeftOut);
-  std::set<int> marker_ids;
-  for (std::size_t i = 0; i < map->keyframes.size(); ++i) {
-    if (!sharesMarker(map->keyframes[i], newest)) continue;
-    roles[i] = i == 0 ? Role::kFixed : Role::kFree;
-    for (const MarkerDetection& detection : map->keyframes[i].detections) {
-      if (map->findPosed(detection.id) != nullptr) marker_ids.insert(detection.id);
-    }
-  }
-  for (std::size_t i = 0; i < map->keyframes.size(); ++i) {
-    if (roles[i] != Role::kLeftOut) continue;
-    const auto& detections = map->keyframes[i].detections;
-    const bool sees_one =
-        std::any_of(detections.begin(), detections.end(),
-                    [&](const MarkerDetection& d) { return marker_ids.count(d.id) != 0; });
-    if (sees_one) roles[i] = Role::kFixed;
-  }
-  return optimise(map, roles, marker_ids, options);
+IntrinsicVector IntrinsicPriors::sigmas() const {
+  IntrinsicVector sigmas;
+  sigmas << focal_px, focal_px, centre_px, centre_px, distortion, distortion, distortion,
+      distortion, distortion;
+  return sigmas;
 }
 
-BundleSummary optimiseGlobally(Map* map, const BundleOptions& options) {
-  if (map->empty()) return {};
-  std::vector<Role> roles(map->keyframes.size(), Role::kFree);
-  roles[0] = Role::kFixed;
-  std::set<int> marker_ids;
-  for (const auto& [id, marker] : map->markers) {
-    if (marker.T_w_m) marker_ids.insert(id);
+BundleSummary optimiseLocally(Map* map, KeyframeId keyframe, const MarkerOptions& markers,
+                              const BundleOptions& options) {
+  const std::vector<KeyframeId> near = map->neighbours(keyframe);
+  const std::vector<int> marker_ids = map->markersSeenFrom(near);
+  KeyframeRoles roles;
+  for (const int id : marker_ids) {
+    if (map->findPosed(id) == nullptr) continue;
+    for (const KeyframeId view : map->viewsOf(id)) roles[view] = true;
   }
-  return optimise(map, roles, marker_ids, options);
+  for (const KeyframeId id : near) roles[id] = false;
+  return MapProblem(*map, roles, marker_ids, markers).optimise(map, options);
+}
+
+BundleSummary optimiseGlobally(Map* map, const MarkerOptions& markers,
+                               const BundleOptions& options) {
+  return wholeMap(*map, markers).optimise(map, options);
+}
+
+BundleSummary optimiseGloballyWithIntrinsics(Map* map, const MarkerOptions& markers,
+                                             const IntrinsicPriors& priors,
+                                             const BundleOptions& options, CameraModel* camera) {
+  MapProblem whole = wholeMap(*map, markers);
+  whole.problem.lens = {*camera, camera->intrinsics(), priors.sigmas()};
+  const BundleSummary summary = whole.optimise(map, options);
+  if (summary.failed) return summary;
+  *camera = whole.problem.lens->camera;
+  map->undistortAgain(*camera);
+  return summary;
+}
+
+MapFit fitOf(const Map& map, double huber) {
+  const BundleProblem problem = wholeMap(map, {}).problem;
+  const std::vector<WhitenedCorners> whitened = whitenCorners(problem);
+  MapFit fit;
+  fit.corners = 4 * static_cast<int>(problem.observations.size());
+  std::vector<double> squared;
+  if (!cornerErrors(problem, whitened, &squared)) {
+    fit.cost = std::numeric_limits<double>::infinity();
+    return fit;
+  }
+  fit.noise = noiseScale(squared);
+  for (const double error : squared) fit.cost += huberCost(error, huber);
+  return fit;
 }
 
 }  // namespace waymark::slam

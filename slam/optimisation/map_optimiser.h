@@ -1,18 +1,46 @@
 // Local and global optimisation of the map (seed 1, sections 4.7 and 4.10).
 #pragma once
 
+#include <span>
+
 #include "slam/map/map.h"
+#include "slam/map/marker_options.h"
 #include "slam/optimisation/bundle_adjuster.h"
 
 namespace waymark::slam {
 
-// Section 4.7: optimises the keyframes that share a marker with the given one (Eq. 30) and the
-// markers they see (Eq. 31); other keyframes that see those markers take part, fixed (Eq. 32). The
-// first keyframe never moves.
-// Precondition: keyframe < map->keyframes.size().
-BundleSummary optimiseLocally(Map* map, std::size_t keyframe, const BundleOptions& options);
+// How well a calibration is known, as sigmas; 0 keeps a parameter fixed.
+struct IntrinsicPriors {
+  double focal_px = 3.0;
+  double centre_px = 3.0;
+  double distortion = 0.01;  // of every coefficient
 
-// Section 4.10: all keyframes but the first, and all posed markers.
-BundleSummary optimiseGlobally(Map* map, const BundleOptions& options);
+  [[nodiscard]] IntrinsicVector sigmas() const;
+};
+
+// Section 4.7: optimises the keyframes that share a marker with the given one (Eq. 30) and the
+// markers they see (Eq. 31); other keyframes that see those markers take part, fixed (Eq. 32).
+// What fixes the world (`markers`: an origin marker, anchors, or else the first keyframe) does not
+// move. Precondition: the keyframe exists.
+BundleSummary optimiseLocally(Map* map, KeyframeId keyframe, const MarkerOptions& markers,
+                              const BundleOptions& options);
+
+// Section 4.10: all keyframes and all posed markers.
+BundleSummary optimiseGlobally(Map* map, const MarkerOptions& markers,
+                               const BundleOptions& options);
+// The same with the intrinsics as unknowns (Eq. 41). On success *camera is the better lens, and the
+// map's corners are undistorted by it.
+BundleSummary optimiseGloballyWithIntrinsics(Map* map, const MarkerOptions& markers,
+                                             const IntrinsicPriors& priors,
+                                             const BundleOptions& options, CameraModel* camera);
+
+// How well the posed markers explain what the keyframes saw.
+struct MapFit {
+  double cost = 0.0;   // robust, whitened; infinite when a corner is behind its camera
+  double noise = 1.0;  // standard deviation of the whitened residuals, at least 1
+  int corners = 0;
+};
+// huber: the kernel's threshold, in units of the corners' covariances.
+[[nodiscard]] MapFit fitOf(const Map& map, double huber);
 
 }  // namespace waymark::slam

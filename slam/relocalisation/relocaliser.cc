@@ -1,6 +1,7 @@
 #include "slam/relocalisation/relocaliser.h"
 
 #include <algorithm>
+#include <utility>
 #include <vector>
 
 namespace waymark::slam {
@@ -12,59 +13,68 @@ constexpr double kCutChi2 = 400.0;
 double truncatedCost(std::span<const KnownMarker> markers, const Transform& T_w_c) {
   double cost = 0.0;
   for (const KnownMarker& marker : markers) {
-    const auto chi2 = PoseOptimiser::markerChi2(marker.observation, T_w_c);
+    const auto chi2 = PoseOptimiser::markerChi2(marker, T_w_c);
     cost += chi2 ? std::min(*chi2, kCutChi2) : kCutChi2;
   }
   return cost;
 }
 
-}  // namespace
+struct Hypothesis {
+  Transform T_w_c;
+  double cost;
+};
 
-std::optional<Relocalisation> relocalise(std::span<const KnownMarker> markers,
-                                         const PoseOptimiser& optimiser, double focal_px,
-                                         const RelocaliserOptions& options) {
-  if (markers.empty()) return std::nullopt;
-  struct Hypothesis {
-    Transform T_w_c;
-    double cost;
-  };
+// Theta^t of section 4.8, the best by Eq. 34 first. Empty when the only marker is ambiguous.
+std::vector<Hypothesis> proposePoses(std::span<const KnownMarker> markers, double focal_px,
+                                     const RelocaliserOptions& options) {
   std::vector<Hypothesis> hypotheses;
-  double best_single_ratio = 1.0;
   for (const KnownMarker& marker : markers) {
     const auto pose =
-        estimateSquarePose(*marker.observation.detection, marker.size_m, focal_px, options.square);
+        estimateSquarePose(*marker.detection, marker.size_m, focal_px, options.square);
     if (!pose) continue;
-    best_single_ratio = std::max(best_single_ratio, pose->ratio);
+    if (markers.size() == 1 && !pose->unambiguous(options.ambiguity_ratio)) return {};
     for (const Transform& T_c_m : pose->T_c_m) {
       const Transform T_w_c = marker.T_w_m * T_c_m.inverse();
       hypotheses.push_back({T_w_c, truncatedCost(markers, T_w_c)});
     }
   }
-  if (hypotheses.empty()) return std::nullopt;
-  if (markers.size() == 1 && best_single_ratio < options.ambiguity_ratio) return std::nullopt;
+  std::sort(hypotheses.begin(), hypotheses.end(),
+            [](const Hypothesis& a, const Hypothesis& b) { return a.cost < b.cost; });
+  return hypotheses;
+}
 
-  const auto best =
-      std::min_element(hypotheses.begin(), hypotheses.end(),
-                       [](const Hypothesis& a, const Hypothesis& b) { return a.cost < b.cost; });
-  std::vector<PoseObservation> observations;
-  observations.reserve(markers.size());
-  for (const KnownMarker& marker : markers) observations.push_back(marker.observation);
-  auto solution = optimiser.optimise(observations, best->T_w_c);
+// Whether a pose that is not the solution, once refined, explains the markers about as well.
+bool isRivalled(const PoseSolution& solution, std::span<const KnownMarker> markers,
+                const std::vector<Hypothesis>& hypotheses, const PoseOptimiser& optimiser,
+                const RelocaliserOptions& options) {
+  constexpr double kOtherPose = 0.1;  // radians
+  const double floor = options.square.evidence_floor;
+  const double chosen = truncatedCost(markers, solution.T_w_c) + floor;
+  for (const Hypothesis& other : hypotheses) {
+    if (rotationDistance(other.T_w_c.R, solution.T_w_c.R) < kOtherPose) continue;
+    const auto refined = optimiser.optimise(markers, other.T_w_c);
+    if (!refined || rotationDistance(refined->T_w_c.R, solution.T_w_c.R) < kOtherPose) continue;
+    const double cost = truncatedCost(markers, refined->T_w_c) + floor;
+    return cost < options.ambiguity_ratio * chosen;
+  }
+  return false;
+}
+
+}  // namespace
+
+std::optional<PoseSolution> relocalise(std::span<const KnownMarker> markers,
+                                       const PoseOptimiser& optimiser, double focal_px,
+                                       const RelocaliserOptions& options) {
+  const std::vector<Hypothesis> hypotheses = proposePoses(markers, focal_px, options);
+  if (hypotheses.empty()) return std::nullopt;
+  auto solution = optimiser.optimise(markers, hypotheses.front().T_w_c);
   if (!solution) return std::nullopt;
   // Most of what is seen has to agree.
   if (2 * solution->inliers < static_cast<int>(markers.size())) return std::nullopt;
-
-  Relocalisation result{std::move(*solution), best_single_ratio};
-  if (markers.size() > 1) {
-    constexpr double kOtherPose = 0.1;  // radians
-    const double chosen = truncatedCost(markers, result.solution.T_w_c) + 1.0;
-    result.ambiguity_ratio = 1e3;
-    for (const Hypothesis& other : hypotheses) {
-      if (rotationDistance(other.T_w_c.R, result.solution.T_w_c.R) < kOtherPose) continue;
-      result.ambiguity_ratio = std::min(result.ambiguity_ratio, (other.cost + 1.0) / chosen);
-    }
+  if (markers.size() > 1 && isRivalled(*solution, markers, hypotheses, optimiser, options)) {
+    return std::nullopt;
   }
-  return result;
+  return solution;
 }
 
 }  // namespace waymark::slam

@@ -10,28 +10,18 @@
 namespace waymark::slam {
 
 struct RelocaliserOptions {
-  // A single marker must be at least this unambiguous (tau_e).
+  // A single marker must be at least this unambiguous (tau_e), and several of them must explain
+  // the image this many times better from here than from anywhere else.
   double ambiguity_ratio = 3.0;
   SquarePoseOptions square;
 };
 
-struct Relocalisation {
-  PoseSolution solution;
-  // Error of the best hypothesis of another pose over that of the chosen one.
-  double ambiguity_ratio = 1.0;
-};
-
 // Eq. 34: every marker's two solutions propose a camera pose; the one that explains all markers
-// best is refined. Empty when one ambiguous marker is all there is, or nothing fits. sizes_m: side
-// of each observation's marker; T_w_m: its pose in the map.
-struct KnownMarker {
-  PoseObservation observation;
-  Transform T_w_m;
-  double size_m = 0.0;
-};
-[[nodiscard]] std::optional<Relocalisation> relocalise(std::span<const KnownMarker> markers,
-                                                       const PoseOptimiser& optimiser,
-                                                       double focal_px,
-                                                       const RelocaliserOptions& options = {});
+// best is refined. Empty when one ambiguous marker is all there is, when another pose explains the
+// markers about as well, or when nothing fits.
+[[nodiscard]] std::optional<PoseSolution> relocalise(std::span<const KnownMarker> markers,
+                                                     const PoseOptimiser& optimiser,
+                                                     double focal_px,
+                                                     const RelocaliserOptions& options = {});
 
 }  // namespace waymark::slam

@@ -10,6 +10,7 @@
 #include "slam/detection/marker_detection.h"
 #include "slam/geometry/camera_model.h"
 #include "slam/geometry/transform.h"
+#include "slam/tracking/known_marker.h"
 
 namespace waymark::slam::testing {
 
@@ -84,6 +85,20 @@ inline std::vector<MarkerDetection> observeAll(const CameraModel& camera, const 
     if (seen) detections.push_back(*seen);
   }
   return detections;
+}
+
+// The detections as a map that holds the truth knows them. The ids are indices into `markers`.
+inline std::vector<KnownMarker> knownFrom(const std::vector<MarkerDetection>& detections,
+                                          const std::vector<SyntheticMarker>& markers,
+                                          double size_m) {
+  std::vector<KnownMarker> known;
+  for (const MarkerDetection& detection : detections) {
+    const Transform& T_w_m = markers[static_cast<std::size_t>(detection.id)].T_w_m;
+    KnownMarker marker{&detection, T_w_m, size_m, Matrix6d::Zero(), markerCorners(size_m)};
+    for (Eigen::Vector3d& corner : marker.corners_w) corner = T_w_m * corner;
+    known.push_back(marker);
+  }
+  return known;
 }
 
 // A wall of rows x columns markers in the plane y = 3, facing -y, each tilted a little.

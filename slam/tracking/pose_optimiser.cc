@@ -14,43 +14,75 @@ namespace waymark::slam {
 
 namespace {
 
-// Adds every used corner's share of Eq. 22. False when a used marker is behind the camera.
-bool linearise(std::span<const PoseObservation> observations, const std::vector<bool>& use,
-               const Transform& T_w_c, double huber, PoseNormal* normal) {
-  for (std::size_t i = 0; i < observations.size(); ++i) {
-    if (!use[i]) continue;
-    const PoseObservation& observation = observations[i];
-    for (std::size_t k = 0; k < 4; ++k) {
-      Projection projection;
-      const Eigen::Vector3d& corner = observation.corners_w[k];
-      if (!projectPoint(T_w_c, corner, &projection)) return false;
-      const Eigen::Matrix2d W = whitening(observation.detection->covariance[k]);
-      const Eigen::Vector2d r = W * (projection.normalised - observation.detection->normalised[k]);
-      const double squared = r.squaredNorm();
-      const double weight = huberWeight(squared, huber);
-      const Matrix26d J = W * cameraJacobian(T_w_c, corner, projection.J_point);
-      normal->cost += huberCost(squared, huber);
-      normal->H.noalias() += weight * J.transpose() * J;
-      normal->g.noalias() += weight * J.transpose() * r;
-    }
+using Whitening = std::array<Eigen::Matrix2d, 4>;
+
+// Weights of a marker's corners: their covariance in the image, and what the map's doubt about the
+// marker adds to it, seen from T_w_c. The four corners share that doubt; as they are weighted one
+// by one, each carries four times its own part, lest a doubtful marker count as four witnesses.
+// False when a corner is behind the camera.
+bool whiten(const KnownMarker& marker, const Transform& T_w_c, Whitening* whitening_of) {
+  constexpr double kShared = 4.0;
+  for (std::size_t k = 0; k < 4; ++k) {
+    Projection projection;
+    if (!projectPoint(T_w_c, marker.corners_w[k], &projection)) return false;
+    const Matrix26d J = markerJacobian(marker.T_w_m, marker.corners_w[k], projection.J_point);
+    (*whitening_of)[k] = whitening(marker.detection->covariance[k] +
+                                   kShared * J * marker.covariance * J.transpose());
   }
   return true;
 }
 
-// Squared whitened residual norm of every corner. False when one is behind the camera.
-bool cornerErrors(std::span<const PoseObservation> observations, const Transform& T_w_c,
-                  std::vector<double>* squared) {
-  for (const PoseObservation& observation : observations) {
+// One frame's problem: markers and their weights.
+class FrameProblem {
+ public:
+  // False when a corner is behind the camera.
+  bool build(std::span<const KnownMarker> markers, const Transform& T_w_c) {
+    markers_ = markers;
+    whitening_.resize(markers.size());
+    for (std::size_t i = 0; i < markers.size(); ++i) {
+      if (!whiten(markers[i], T_w_c, &whitening_[i])) return false;
+    }
+    return true;
+  }
+
+  // Adds every used corner's share of Eq. 22. False when a used marker is behind the camera.
+  bool linearise(const std::vector<bool>& use, const Transform& T_w_c, double huber,
+                 PoseNormal* normal) const {
+    for (std::size_t i = 0; i < markers_.size(); ++i) {
+      if (!use[i]) continue;
+      for (std::size_t k = 0; k < 4; ++k) {
+        Projection projection;
+        const Eigen::Vector3d& corner = markers_[i].corners_w[k];
+        if (!projectPoint(T_w_c, corner, &projection)) return false;
+        const Eigen::Matrix2d& W = whitening_[i][k];
+        const Eigen::Vector2d r =
+            W * (projection.normalised - markers_[i].detection->normalised[k]);
+        const double squared = r.squaredNorm();
+        const double weight = huberWeight(squared, huber);
+        const Matrix26d J = W * cameraJacobian(T_w_c, corner, projection.J_point);
+        normal->cost += huberCost(squared, huber);
+        normal->H.noalias() += weight * J.transpose() * J;
+        normal->g.noalias() += weight * J.transpose() * r;
+      }
+    }
+    return true;
+  }
+
+  // Squared whitened residual norms of a marker's corners, appended. False behind the camera.
+  bool cornerErrors(std::size_t i, const Transform& T_w_c, std::vector<double>* squared) const {
     for (std::size_t k = 0; k < 4; ++k) {
       Projection projection;
-      if (!projectPoint(T_w_c, observation.corners_w[k], &projection)) return false;
-      const Eigen::Matrix2d W = whitening(observation.detection->covariance[k]);
-      squared->push_back(
-          (W * (projection.normalised - observation.detection->normalised[k])).squaredNorm());
+      if (!projectPoint(T_w_c, markers_[i].corners_w[k], &projection)) return false;
+      const Eigen::Vector2d error = projection.normalised - markers_[i].detection->normalised[k];
+      squared->push_back((whitening_[i][k] * error).squaredNorm());
     }
+    return true;
   }
-  return true;
-}
+
+ private:
+  std::span<const KnownMarker> markers_;
+  std::vector<Whitening> whitening_;
+};
 
 double sidePx(const MarkerDetection& detection) {
   double perimeter = 0.0;
@@ -65,24 +97,21 @@ double sidePx(const MarkerDetection& detection) {
 PoseOptimiser::PoseOptimiser(double focal_px, const PoseOptimiserOptions& options)
     : focal_px_(focal_px), options_(options) {}
 
-std::optional<double> PoseOptimiser::markerChi2(const PoseObservation& observation,
-                                                const Transform& T_w_c) {
-  double chi2 = 0.0;
-  for (std::size_t k = 0; k < 4; ++k) {
-    Projection projection;
-    if (!projectPoint(T_w_c, observation.corners_w[k], &projection)) return std::nullopt;
-    const Eigen::Matrix2d W = whitening(observation.detection->covariance[k]);
-    chi2 += (W * (projection.normalised - observation.detection->normalised[k])).squaredNorm();
+std::optional<double> PoseOptimiser::markerChi2(const KnownMarker& marker, const Transform& T_w_c) {
+  FrameProblem problem;
+  std::vector<double> squared;
+  if (!problem.build({&marker, 1}, T_w_c) || !problem.cornerErrors(0, T_w_c, &squared)) {
+    return std::nullopt;
   }
-  return chi2;
+  return squared[0] + squared[1] + squared[2] + squared[3];
 }
 
-double PoseOptimiser::rmsPx(const PoseObservation& observation, const Transform& T_w_c) const {
+double PoseOptimiser::rmsPx(const KnownMarker& marker, const Transform& T_w_c) const {
   double squared = 0.0;
   for (std::size_t k = 0; k < 4; ++k) {
     Projection projection;
-    if (!projectPoint(T_w_c, observation.corners_w[k], &projection)) return 1e9;  // never an inlier
-    squared += (projection.normalised - observation.detection->normalised[k]).squaredNorm();
+    if (!projectPoint(T_w_c, marker.corners_w[k], &projection)) return 1e9;  // never an inlier
+    squared += (projection.normalised - marker.detection->normalised[k]).squaredNorm();
   }
   return focal_px_ * std::sqrt(0.25 * squared);
 }
@@ -94,15 +123,17 @@ bool PoseOptimiser::acceptable(const PoseSolution& solution) const {
          2 * solution.inliers >= static_cast<int>(solution.inlier.size());
 }
 
-std::optional<PoseSolution> PoseOptimiser::optimise(std::span<const PoseObservation> observations,
+std::optional<PoseSolution> PoseOptimiser::optimise(std::span<const KnownMarker> markers,
                                                     const Transform& guess) const {
-  if (observations.empty()) return std::nullopt;
+  if (markers.empty()) return std::nullopt;
+  FrameProblem problem;
+  if (!problem.build(markers, guess)) return std::nullopt;
   PoseSolution solution;
-  solution.inlier.assign(observations.size(), true);
+  solution.inlier.assign(markers.size(), true);
   const auto minimise = [&](const Transform& start, double huber) {
     return minimisePose(start, options_.max_iterations,
                         [&](const Transform& T_w_c, PoseNormal* normal) {
-                          return linearise(observations, solution.inlier, T_w_c, huber, normal);
+                          return problem.linearise(solution.inlier, T_w_c, huber, normal);
                         });
   };
   std::optional<MinimisedPose> minimum = minimise(guess, options_.huber);
@@ -110,22 +141,25 @@ std::optional<PoseSolution> PoseOptimiser::optimise(std::span<const PoseObservat
 
   // The frame's own noise, for the kernel and for the gate.
   std::vector<double> corner_errors;
-  corner_errors.reserve(4 * observations.size());
-  if (!cornerErrors(observations, minimum->T, &corner_errors)) return std::nullopt;
+  corner_errors.reserve(4 * markers.size());
+  for (std::size_t i = 0; i < markers.size(); ++i) {
+    if (!problem.cornerErrors(i, minimum->T, &corner_errors)) return std::nullopt;
+  }
   const double noise = noiseScale(corner_errors);
   bool changed = noise > 1.0;
-  if (observations.size() >= 3) {
-    for (std::size_t i = 0; i < observations.size(); ++i) {
-      const double chi2 = *markerChi2(observations[i], minimum->T);
+  if (markers.size() >= 3) {
+    for (std::size_t i = 0; i < markers.size(); ++i) {
+      const double* squared = corner_errors.data() + 4 * i;
+      const double chi2 = squared[0] + squared[1] + squared[2] + squared[3];
       solution.inlier[i] = chi2 <= options_.marker_chi2 * noise * noise ||
-                           rmsPx(observations[i], minimum->T) <= options_.inlier_rms_px;
+                           rmsPx(markers[i], minimum->T) <= options_.inlier_rms_px;
       changed = changed || !solution.inlier[i];
     }
   }
   // Without a majority nobody can say who is wrong: all stay, and the residuals tell the rest.
   if (2 * std::count(solution.inlier.begin(), solution.inlier.end(), true) <
-      static_cast<std::ptrdiff_t>(observations.size())) {
-    solution.inlier.assign(observations.size(), true);
+      static_cast<std::ptrdiff_t>(markers.size())) {
+    solution.inlier.assign(markers.size(), true);
   }
   if (changed) {
     minimum = minimise(minimum->T, noise * options_.huber);
@@ -136,15 +170,17 @@ std::optional<PoseSolution> PoseOptimiser::optimise(std::span<const PoseObservat
   if (factor.info() != Eigen::Success || !factor.isPositive()) return std::nullopt;
   solution.T_w_c = minimum->T;
   double squared_px = 0.0;
-  for (std::size_t i = 0; i < observations.size(); ++i) {
+  std::vector<double> squared;
+  for (std::size_t i = 0; i < markers.size(); ++i) {
     if (!solution.inlier[i]) continue;
     ++solution.inliers;
-    solution.chi2 += *markerChi2(observations[i], solution.T_w_c);
-    const double rms = rmsPx(observations[i], solution.T_w_c);
+    if (!problem.cornerErrors(i, solution.T_w_c, &squared)) return std::nullopt;
+    const double rms = rmsPx(markers[i], solution.T_w_c);
     squared_px += rms * rms;
-    solution.mean_side_px += sidePx(*observations[i].detection);
+    solution.mean_side_px += sidePx(*markers[i].detection);
   }
   if (solution.inliers == 0) return std::nullopt;
+  for (const double error : squared) solution.chi2 += error;
   solution.rms_px = std::sqrt(squared_px / solution.inliers);
   solution.mean_side_px /= solution.inliers;
   const double degrees_of_freedom = 8.0 * solution.inliers - 6.0;

@@ -5,8 +5,8 @@
 #include <span>
 #include <vector>
 
-#include "slam/detection/marker_detection.h"
 #include "slam/geometry/transform.h"
+#include "slam/tracking/known_marker.h"
 
 namespace waymark::slam {
 
@@ -28,12 +28,6 @@ struct PoseOptimiserOptions {
   double worst_rms_per_side = 0.06;
 };
 
-// One detected marker that the map knows.
-struct PoseObservation {
-  const MarkerDetection* detection = nullptr;
-  std::array<Eigen::Vector3d, 4> corners_w;  // metres, world
-};
-
 struct PoseSolution {
   Transform T_w_c;
   // Of (dp, dtheta) in the world frame, scaled up where the residuals exceed the corner
@@ -43,7 +37,7 @@ struct PoseSolution {
   int inliers = 0;            // markers
   double rms_px = 0.0;        // of the corners' distances, inliers
   double mean_side_px = 0.0;  // of the inliers in the image
-  std::vector<bool> inlier;   // one per observation
+  std::vector<bool> inlier;   // one per marker given
 };
 
 class PoseOptimiser {
@@ -51,21 +45,22 @@ class PoseOptimiser {
   // focal_px turns normalised residuals into pixels for rms_px.
   explicit PoseOptimiser(double focal_px, const PoseOptimiserOptions& options = {});
 
-  // Levenberg-Marquardt on Eq. 22 from `guess`, robust; then estimates the frame's noise from the
-  // residuals, gates the markers by it and runs again with those that fit. Empty when nothing can
-  // be projected or the normal equations are singular.
-  [[nodiscard]] std::optional<PoseSolution> optimise(std::span<const PoseObservation> observations,
+  // Levenberg-Marquardt on Eq. 22 from `guess`, robust, every corner weighted by how well the image
+  // and the map know it; then estimates the frame's noise from the residuals, gates the markers by
+  // it and runs again with those that fit. Empty when nothing can be projected or the normal
+  // equations are singular.
+  [[nodiscard]] std::optional<PoseSolution> optimise(std::span<const KnownMarker> markers,
                                                      const Transform& guess) const;
 
   // Whether the residuals are small enough for the pose to mean anything.
   [[nodiscard]] bool acceptable(const PoseSolution& solution) const;
 
   // Sum of the whitened squared residuals of one marker (8 of them); empty behind the camera.
-  [[nodiscard]] static std::optional<double> markerChi2(const PoseObservation& observation,
+  [[nodiscard]] static std::optional<double> markerChi2(const KnownMarker& marker,
                                                         const Transform& T_w_c);
 
  private:
-  [[nodiscard]] double rmsPx(const PoseObservation& observation, const Transform& T_w_c) const;
+  [[nodiscard]] double rmsPx(const KnownMarker& marker, const Transform& T_w_c) const;
 
   double focal_px_;
   PoseOptimiserOptions options_;

@@ -15,18 +15,8 @@ constexpr double kSize = 0.12;
 
 class PoseOptimiserTest : public ::testing::Test {
  protected:
-  std::vector<PoseObservation> observations(const std::vector<MarkerDetection>& detections) {
-    std::vector<PoseObservation> out;
-    for (const MarkerDetection& d : detections) {
-      PoseObservation o;
-      o.detection = &d;
-      o.corners_w = markerCorners(kSize);
-      for (auto& corner : o.corners_w) {
-        corner = markers_[static_cast<std::size_t>(d.id)].T_w_m * corner;
-      }
-      out.push_back(o);
-    }
-    return out;
+  std::vector<KnownMarker> known(const std::vector<MarkerDetection>& detections) {
+    return testing::knownFrom(detections, markers_, kSize);
   }
 
   std::mt19937 rng_{3};
@@ -73,7 +63,7 @@ TEST(Reprojection, WhiteningGivesUnitCovariance) {
 TEST_F(PoseOptimiserTest, FindsTheExactPoseFromExactCorners) {
   const auto detections = testing::observeAll(camera_, truth_, markers_, kSize, 0.0, &rng_);
   ASSERT_GE(detections.size(), 4U);
-  const auto solution = optimiser_.optimise(observations(detections), guess_);
+  const auto solution = optimiser_.optimise(known(detections), guess_);
   ASSERT_TRUE(solution);
   EXPECT_LT((solution->T_w_c.p - truth_.p).norm(), 1e-7);
   EXPECT_LT(rotationDistance(solution->T_w_c.R, truth_.R), 1e-7);
@@ -87,7 +77,7 @@ TEST_F(PoseOptimiserTest, CovarianceMatchesTheErrors) {
   double sum = 0.0;
   for (int i = 0; i < kTrials; ++i) {
     const auto detections = testing::observeAll(camera_, truth_, markers_, kSize, 0.2, &rng_);
-    const auto solution = optimiser_.optimise(observations(detections), guess_);
+    const auto solution = optimiser_.optimise(known(detections), guess_);
     ASSERT_TRUE(solution);
     const Vector6d error = solution->T_w_c.localCoordinates(truth_);
     sum += error.dot(solution->covariance.inverse() * error);
@@ -101,7 +91,7 @@ TEST_F(PoseOptimiserTest, LeavesOutAMarkerThatMoved) {
   auto detections = testing::observeAll(camera_, truth_, markers_, kSize, 0.05, &rng_);
   ASSERT_GE(detections.size(), 4U);
   markers_[static_cast<std::size_t>(detections[1].id)].T_w_m.p.x() += 0.05;
-  const auto solution = optimiser_.optimise(observations(detections), guess_);
+  const auto solution = optimiser_.optimise(known(detections), guess_);
   ASSERT_TRUE(solution);
   EXPECT_FALSE(solution->inlier[1]);
   EXPECT_EQ(solution->inliers, static_cast<int>(detections.size()) - 1);
@@ -110,14 +100,36 @@ TEST_F(PoseOptimiserTest, LeavesOutAMarkerThatMoved) {
   EXPECT_LT(error.dot(solution->covariance.inverse() * error), 22.5);
 }
 
+// What the map does not know of its markers is in the pose's covariance, and a doubtful marker
+// counts for little beside sure ones.
+TEST_F(PoseOptimiserTest, DoubtfulMarkersCountForLittle) {
+  const auto detections = testing::observeAll(camera_, truth_, markers_, kSize, 0.05, &rng_);
+  ASSERT_GE(detections.size(), 4U);
+  auto sure = known(detections);
+  const auto before = optimiser_.optimise(sure, guess_);
+  ASSERT_TRUE(before);
+  auto doubtful = sure;  // one marker is 1 cm from where the map has it
+  for (auto& corner : doubtful[0].corners_w) corner.x() += 0.01;
+  const auto misled = optimiser_.optimise(doubtful, before->T_w_c);
+  doubtful[0].covariance = 1e-4 * Matrix6d::Identity();
+  const auto warned = optimiser_.optimise(doubtful, before->T_w_c);
+  ASSERT_TRUE(misled && warned);
+  EXPECT_LT((warned->T_w_c.p - before->T_w_c.p).norm(),
+            0.3 * (misled->T_w_c.p - before->T_w_c.p).norm());
+  for (auto& marker : doubtful) marker.covariance = 1e-4 * Matrix6d::Identity();
+  const auto vague = optimiser_.optimise(doubtful, guess_);
+  ASSERT_TRUE(vague);
+  EXPECT_GT(vague->covariance.trace(), 10.0 * before->covariance.trace());
+}
+
 TEST_F(PoseOptimiserTest, HasNoAnswerToDegenerateInput) {
   EXPECT_FALSE(optimiser_.optimise({}, guess_));
   const auto detections = testing::observeAll(camera_, truth_, markers_, kSize, 0.0, &rng_);
   // Looking away from everything.
   const Transform away = testing::lookAt({0.0, 0.0, 0.0}, {0.0, -3.0, 0.0});
-  EXPECT_FALSE(optimiser_.optimise(observations(detections), away));
+  EXPECT_FALSE(optimiser_.optimise(known(detections), away));
   // All corners of the only marker in one place: the normal equations are singular.
-  auto point = observations(detections);
+  auto point = known(detections);
   point.resize(1);
   point[0].corners_w.fill({0.0, 3.0, 0.0});
   const auto solution = optimiser_.optimise(point, guess_);

@@ -1,0 +1,25 @@
+// Events since the start, each by cause; health and stats.json read them.
+#pragma once
+
+#include <cstdint>
+
+namespace waymark::slam {
+
+struct Counters {
+  std::uint64_t frames = 0;
+  std::uint64_t localized = 0;
+  std::uint64_t keyframes_added = 0;
+  std::uint64_t relocalizations = 0;
+  std::uint64_t loop_closures = 0;        // with a correction of the map
+  std::uint64_t loops_without_drift = 0;  // both ends agreed: nothing to correct
+  std::uint64_t loops_refused = 0;        // tested, and found to contradict the map
+  std::uint64_t rejected_markers = 0;     // gated out of a pose because they did not fit
+  std::uint64_t rejected_poses = 0;       // a pose was computed and refused
+  std::uint64_t clipped_markers = 0;      // a corner at the image's border or beyond
+  std::uint64_t doubled_markers = 0;      // one id twice in a frame: both left out
+  std::uint64_t flipped_markers = 0;      // the second hypothesis turned out to be the right one
+  std::uint64_t quarantined_markers = 0;  // moved, or contradicted the map
+  std::uint64_t refused_markers = 0;      // printed twice, or moved again and again
+};
+
+}  // namespace waymark::slam

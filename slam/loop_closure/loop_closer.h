@@ -1,0 +1,67 @@
+// Loop closure (seed 1, section 4.9): which markers close a loop, and the map after its correction.
+#pragma once
+
+#include <optional>
+#include <span>
+#include <variant>
+#include <vector>
+
+#include "slam/loop_closure/pose_graph.h"
+#include "slam/map/map.h"
+#include "slam/map/marker_options.h"
+#include "slam/optimisation/bundle_adjuster.h"
+
+namespace waymark::slam {
+
+struct LoopOptions {
+  // Beside the spanning tree of section 4.9.2, each keyframe keeps its strongest connections in the
+  // pose graph, so that loops closed before stay closed.
+  int edges_per_keyframe = 4;
+  PoseGraphOptions pose_graph;
+  BundleOptions optimisation{.max_iterations = 15, .min_relative_decrease = 1e-4};
+  // A closure is refused when it raises the cost of what the map saw before by more than this much,
+  // in units of the noise: a constant, and a share of that cost. A true closure takes back drift,
+  // which the old views hardly resist; a false one bends them.
+  double max_growth = 60.0;
+  double max_growth_share = 0.01;
+  // Largest mean squared whitened error of the closing frame's corners (2 residuals each), in units
+  // of the noise.
+  double worst_closing_error = 12.0;
+  // Of two candidates (one ambiguous marker closes the loop) the better one must be this much
+  // better.
+  double ambiguity_ratio = 3.0;
+};
+
+// The frame that sees both ends of a loop.
+struct LoopFrame {
+  Keyframe frame;                   // T_w_c as tracked: gamma^t
+  std::vector<int> loop_markers;    // L(t) of Eq. 35, those of them that agree with each other
+  std::vector<Transform> expected;  // gamma-dot^t: one pose, or the two of an ambiguous marker
+  KeyframeId reference = -1;        // f^omega
+};
+
+struct ClosedLoop {
+  Map map;
+  KeyframeId keyframe = -1;  // the closing frame in it
+};
+
+enum class LoopRefusal {
+  kContradicted,  // the corrected map does not fit what was seen
+  kAmbiguous,     // both candidates fit about equally well
+};
+
+// Corrects a copy of the map: pose graph (Eq. 37-39), markers (Eq. 40), optimisation; then tests
+// it. The world stays where it is.
+[[nodiscard]] std::variant<ClosedLoop, LoopRefusal> closeLoop(const Map& map, const LoopFrame& loop,
+                                                              const MarkerOptions& markers,
+                                                              const LoopOptions& options);
+
+// The spanning tree of section 4.9.2 (Kruskal, the strongest connections first) and each keyframe's
+// strongest edges, as measured by the map now. `ids` gets the keyframe of every pose of the graph.
+[[nodiscard]] PoseGraph covisibilityGraph(const Map& map, int edges_per_keyframe,
+                                          std::vector<KeyframeId>* ids);
+
+// The rotation that minimises the sum of squared chordal distances. Precondition: not empty.
+[[nodiscard]] Eigen::Matrix3d meanRotation(std::span<const Eigen::Matrix3d> rotations);
+
+}  // namespace waymark::slam

@@ -1,0 +1,29 @@
+#include "slam/loop_closure/loop_detector.h"
+
+#include <algorithm>
+#include <utility>
+
+namespace waymark::slam {
+
+SplitMarkers LoopDetector::split(std::vector<KnownMarker> known) const {
+  SplitMarkers markers;
+  for (KnownMarker& marker : known) {
+    const bool local =
+        !reference_ ||
+        std::binary_search(local_markers_.begin(), local_markers_.end(), marker.detection->id);
+    (local ? markers.eligible : markers.loop).push_back(std::move(marker));
+  }
+  return markers;
+}
+
+void LoopDetector::follow(const Map& map, std::span<const MarkerDetection> fitting,
+                          const Transform& T_w_c, double depth_m, const KeyframeOptions& options) {
+  const auto reference = referenceKeyframe(map, fitting, T_w_c, depth_m, options);
+  const KeyframeId newest = map.keyframes().rbegin()->first;
+  if (reference && reference == reference_ && newest == newest_) return;
+  reference_ = reference;
+  newest_ = newest;
+  if (reference_) local_markers_ = map.markersSeenFrom(map.neighbours(*reference_));
+}
+
+}  // namespace waymark::slam

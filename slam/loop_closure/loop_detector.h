@@ -1,0 +1,40 @@
+// Which of the markers in view may be tracked, and which of them close a loop (seed 1, sections 4.2
+// and 4.9.1).
+#pragma once
+
+#include <optional>
+#include <span>
+#include <vector>
+
+#include "slam/keyframes/keyframe_policy.h"
+#include "slam/map/map.h"
+#include "slam/tracking/known_marker.h"
+
+namespace waymark::slam {
+
+// The detected markers of known pose, by what they are good for.
+struct SplitMarkers {
+  std::vector<KnownMarker> eligible;  // L'(t), Eq. 36
+  std::vector<KnownMarker> loop;      // L(t), Eq. 35
+};
+
+class LoopDetector {
+ public:
+  // Without a reference keyframe (just relocalised, or nothing known in view) all are eligible.
+  [[nodiscard]] SplitMarkers split(std::vector<KnownMarker> known) const;
+
+  // The reference keyframe f^omega for the next frame, from this one's pose and the detections that
+  // fit it (Eq. 21).
+  void follow(const Map& map, std::span<const MarkerDetection> fitting, const Transform& T_w_c,
+              double depth_m, const KeyframeOptions& options);
+  // The map changed otherwise, or tracking was lost.
+  void forget() { reference_.reset(); }
+  [[nodiscard]] std::optional<KeyframeId> reference() const { return reference_; }
+
+ private:
+  std::optional<KeyframeId> reference_;
+  KeyframeId newest_ = -1;          // of the map when local_markers_ was made
+  std::vector<int> local_markers_;  // G_m of the reference (Eq. 31), sorted
+};
+
+}  // namespace waymark::slam

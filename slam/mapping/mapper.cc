@@ -1,0 +1,147 @@
+#include "slam/mapping/mapper.h"
+
+#include <algorithm>
+#include <vector>
+
+#include "slam/geometry/robust.h"
+#include "slam/optimisation/map_optimiser.h"
+
+namespace waymark::slam {
+namespace {
+
+double medianDepth(const Map& map, const Keyframe& frame) {
+  std::vector<double> depths;
+  for (const MarkerDetection& detection : frame.detections) {
+    const MapMarker* marker = map.findPosed(detection.id);
+    if (marker != nullptr) depths.push_back((marker->T_w_m->p - frame.T_w_c.p).norm());
+  }
+  return depths.empty() ? 0.0 : median(std::move(depths));
+}
+
+void pose(MapMarker* marker, const Transform& T_w_m, const std::optional<Transform>& other) {
+  marker->state = MarkerState::kMapped;
+  marker->T_w_m = T_w_m;
+  marker->other_T_w_m = other;
+}
+
+}  // namespace
+
+Transform Mapper::begin(const Start& start, Map* map, Counters* counters) {
+  KeyframeId last = -1;
+  for (const Keyframe& keyframe : start.keyframes) {
+    for (const MarkerDetection& detection : keyframe.detections) {
+      map->addMarker(detection.id, markers_.sizeOf(detection.id));
+    }
+    last = map->addKeyframe(keyframe);
+    ++counters->keyframes_added;
+  }
+  for (const InitialMarker& marker : start.markers) {
+    pose(&map->marker(marker.id), marker.T_w_m, marker.other_T_w_m);
+  }
+  fixWorld(map);
+  noise_ = optimiseLocally(map, last, markers_, options_.local_optimisation).noise;
+  return map->keyframes().at(last).T_w_c;
+}
+
+std::optional<Transform> Mapper::update(const Keyframe& frame, bool force, Map* map,
+                                        Counters* counters) {
+  const std::vector<InitialMarker> unambiguous = unambiguousNewMarkers(frame, *map);
+  if (!force && keyframeReason(*map, frame.detections, frame.T_w_c, medianDepth(*map, frame),
+                               !unambiguous.empty(), options_.keyframes) == KeyframeReason::kNone) {
+    return std::nullopt;
+  }
+  for (const MarkerDetection& detection : frame.detections) {
+    map->addMarker(detection.id, markers_.sizeOf(detection.id));
+  }
+  const KeyframeId newest = map->addKeyframe(frame);
+  ++counters->keyframes_added;
+  for (const InitialMarker& marker : unambiguous) {
+    pose(&map->marker(marker.id), marker.T_w_m, marker.other_T_w_m);  // Eq. 23
+  }
+  for (const MarkerDetection& detection : frame.detections) resolve(detection, map, counters);
+  fixWorld(map);
+  noise_ = optimiseLocally(map, newest, markers_, options_.local_optimisation).noise;
+  (void)cullKeyframes(map, newest, options_.keyframes);
+  return map->keyframes().at(newest).T_w_c;
+}
+
+// Rules 1 and 2a: markers without a pose that this frame alone decides. One in quarantine has to
+// convince from several places.
+std::vector<InitialMarker> Mapper::unambiguousNewMarkers(const Keyframe& frame,
+                                                         const Map& map) const {
+  std::vector<InitialMarker> markers;
+  for (const MarkerDetection& detection : frame.detections) {
+    const MapMarker* marker = map.find(detection.id);
+    if (marker != nullptr && marker->state != MarkerState::kUnresolved) continue;
+    const auto square = estimateSquarePose(detection, markers_.sizeOf(detection.id), focal_px_,
+                                           options_.marker_pose.square);
+    if (!square || !square->unambiguous(options_.marker_pose.ambiguity_ratio)) continue;
+    markers.push_back(
+        {detection.id, frame.T_w_c * square->T_c_m[0], frame.T_w_c * square->T_c_m[1]});
+  }
+  return markers;
+}
+
+// Section 4.5 for one marker of the newest keyframe.
+void Mapper::resolve(const MarkerDetection& detection, Map* map, Counters* counters) const {
+  MapMarker& marker = map->marker(detection.id);
+  if (marker.T_w_m && !marker.other_T_w_m) return;  // decided
+  const bool second_look = marker.T_w_m.has_value();
+  const MarkerResolution found =
+      resolution(marker.id, second_look ? 2 : options_.marker_pose.min_views, *map);
+  switch (found.verdict) {
+    case ResolverVerdict::kTooFewViews:
+    case ResolverVerdict::kUndecided:
+      return;
+    case ResolverVerdict::kContradictory:
+      if (second_look) return;  // the poses' own gates deal with it
+      // The oldest view may be from before it moved.
+      marker.state = MarkerState::kQuarantined;
+      map->removeViews(marker.id, map->viewsOf(marker.id).first(1));
+      return;
+    case ResolverVerdict::kResolved: {
+      const bool flipped = second_look && rotationDistance(found.T_w_m.R, marker.other_T_w_m->R) <
+                                              rotationDistance(found.T_w_m.R, marker.T_w_m->R);
+      if (flipped) ++counters->flipped_markers;
+      const bool enough =
+          static_cast<int>(map->viewsOf(marker.id).size()) >= options_.marker_pose.min_views;
+      const auto other = enough || flipped ? found.other_T_w_m : marker.other_T_w_m;
+      pose(&marker, second_look && !flipped ? *marker.T_w_m : found.T_w_m, other);
+      return;
+    }
+  }
+}
+
+MarkerResolution Mapper::resolution(int marker_id, int min_views, const Map& map) const {
+  std::vector<MarkerView> views;
+  for (const KeyframeId id : map.viewsOf(marker_id)) {
+    const Keyframe& keyframe = map.keyframes().at(id);
+    views.push_back({keyframe.find(marker_id), keyframe.T_w_c});
+  }
+  MarkerResolverOptions options = options_.marker_pose;
+  options.min_views = min_views;
+  return resolveMarkerPose(views, map.find(marker_id)->size_m, focal_px_, noise_, options);
+}
+
+// Moves the map where the origin marker, or the first anchor that has a pose, says it is. Later
+// anchors pull in the optimisations.
+void Mapper::fixWorld(Map* map) {
+  if (world_fixed_) return;
+  if (markers_.origin_marker) {
+    if (const MapMarker* origin = map->findPosed(*markers_.origin_marker)) {
+      map->moveWorld(origin->T_w_m->inverse());
+      map->marker(origin->id).T_w_m = Transform{};  // exactly
+      world_fixed_ = true;
+    }
+    return;
+  }
+  for (const Anchor& anchor : markers_.anchors) {
+    if (const MapMarker* marker = map->findPosed(anchor.id)) {
+      map->moveWorld(anchor.T_w_m * marker->T_w_m->inverse());
+      world_fixed_ = true;
+      return;
+    }
+  }
+}
+
+}  // namespace waymark::slam

@@ -1,0 +1,54 @@
+// The map's growth, frame by frame (seed 1, sections 4.4 to 4.7): keyframes, new markers, ambiguous
+// markers, local optimisation, culling; and what fixes the world.
+#pragma once
+
+#include <optional>
+#include <span>
+
+#include "slam/counters.h"
+#include "slam/initialisation/initialiser.h"
+#include "slam/keyframes/keyframe_policy.h"
+#include "slam/map/map.h"
+#include "slam/map/marker_options.h"
+#include "slam/marker_pose/marker_resolver.h"
+#include "slam/optimisation/bundle_adjuster.h"
+
+namespace waymark::slam {
+
+struct MapperOptions {
+  KeyframeOptions keyframes;
+  MarkerResolverOptions marker_pose;
+  BundleOptions local_optimisation{.max_iterations = 5, .min_relative_decrease = 1e-3};
+};
+
+class Mapper {
+ public:
+  Mapper(const MarkerOptions& markers, double focal_px, const MapperOptions& options)
+      : markers_(markers), focal_px_(focal_px), options_(options) {}
+
+  // The first keyframes and markers of an empty map. Returns where the last of them is.
+  Transform begin(const Start& start, Map* map, Counters* counters);
+
+  // Makes the frame a keyframe if the rules of section 4.4 (or `force`) say so. Its detections are
+  // those that fit its pose, and those the map does not know. Empty when it is none; else its pose
+  // after local optimisation.
+  std::optional<Transform> update(const Keyframe& frame, bool force, Map* map, Counters* counters);
+
+  // Standard deviation of the map's whitened residuals as of late, at least 1.
+  [[nodiscard]] double noise() const { return noise_; }
+
+ private:
+  [[nodiscard]] std::vector<InitialMarker> unambiguousNewMarkers(const Keyframe& frame,
+                                                                 const Map& map) const;
+  void resolve(const MarkerDetection& detection, Map* map, Counters* counters) const;
+  [[nodiscard]] MarkerResolution resolution(int marker_id, int min_views, const Map& map) const;
+  void fixWorld(Map* map);
+
+  MarkerOptions markers_;
+  double focal_px_;
+  MapperOptions options_;
+  double noise_ = 1.0;
+  bool world_fixed_ = false;  // by an origin marker or an anchor
+};
+
+}  // namespace waymark::slam

@@ -1,0 +1,113 @@
+#include "slam/marker_watch/marker_watch.h"
+
+#include <algorithm>
+
+namespace waymark::slam {
+namespace {
+
+void refuse(MapMarker* marker, Map* map, Counters* counters) {
+  marker->state = MarkerState::kRefused;
+  marker->T_w_m.reset();
+  marker->other_T_w_m.reset();
+  map->removeViews(marker->id, map->viewsOf(marker->id));
+  ++counters->refused_markers;
+}
+
+void quarantine(MapMarker* marker, Map* map, Counters* counters) {
+  marker->state = MarkerState::kQuarantined;
+  marker->former_poses.push_back(*marker->T_w_m);
+  marker->T_w_m.reset();
+  marker->other_T_w_m.reset();
+  map->removeViews(marker->id, map->viewsOf(marker->id));
+  ++counters->quarantined_markers;
+}
+
+}  // namespace
+
+std::vector<MarkerDetection> MarkerWatch::screen(std::span<const MarkerDetection> detections,
+                                                 const CameraModel& camera, const Map& map,
+                                                 Counters* counters) {
+  std::vector<MarkerDetection> usable(detections.begin(), detections.end());
+  std::stable_sort(usable.begin(), usable.end(),
+                   [](const MarkerDetection& a, const MarkerDetection& b) { return a.id < b.id; });
+  std::vector<int> doubled;
+  for (std::size_t i = 1; i < usable.size(); ++i) {
+    const int id = usable[i].id;
+    if (id == usable[i - 1].id && (doubled.empty() || doubled.back() != id)) doubled.push_back(id);
+  }
+  counters->doubled_markers += doubled.size();
+  for (const int id : doubled) ++doubled_[id];
+  std::erase_if(usable, [&](const MarkerDetection& d) {
+    const MapMarker* marker = map.find(d.id);
+    if (marker != nullptr && marker->state == MarkerState::kRefused) return true;
+    if (markers_.isIgnored(d.id)) return true;
+    if (std::binary_search(doubled.begin(), doubled.end(), d.id)) return true;
+    const bool whole = std::all_of(d.pixels.begin(), d.pixels.end(), [&](const auto& corner) {
+      return camera.inImage(corner, options_.border_px);
+    });
+    if (!whole) ++counters->clipped_markers;
+    return !whole;
+  });
+  return usable;
+}
+
+bool MarkerWatch::refuseDoubled(Map* map, Counters* counters) {
+  bool changed = false;
+  for (const auto& [id, frames] : doubled_) {
+    if (frames != options_.doubled_frames) continue;
+    MapMarker& marker = map->addMarker(id, markers_.sizeOf(id));
+    if (marker.state == MarkerState::kRefused) continue;
+    refuse(&marker, map, counters);
+    changed = true;
+  }
+  return changed;
+}
+
+void MarkerWatch::record(int marker_id, bool fits, std::int64_t time_ns) {
+  if (fits) {
+    disagreements_.erase(marker_id);
+    return;
+  }
+  Disagreement& disagreement = disagreements_[marker_id];
+  if (disagreement.frames == 0) disagreement.since_ns = time_ns;
+  ++disagreement.frames;
+  disagreement.until_ns = time_ns;
+}
+
+bool MarkerWatch::quarantineMoved(Map* map, Counters* counters) {
+  bool changed = false;
+  for (auto it = disagreements_.begin(); it != disagreements_.end();) {
+    const auto& [id, disagreement] = *it;
+    const bool long_enough = disagreement.frames >= options_.moved_frames &&
+                             disagreement.until_ns - disagreement.since_ns >= options_.moved_ns;
+    if (!long_enough || map->findPosed(id) == nullptr) {
+      ++it;
+      continue;
+    }
+    MapMarker& marker = map->marker(id);
+    if (static_cast<int>(marker.former_poses.size()) >= options_.max_moves) {
+      refuse(&marker, map, counters);
+    } else {
+      quarantine(&marker, map, counters);
+    }
+    changed = true;
+    it = disagreements_.erase(it);
+  }
+  return changed;
+}
+
+void MarkerWatch::checkReturned(int marker_id, Map* map, Counters* counters) const {
+  MapMarker& marker = map->marker(marker_id);
+  if (!marker.T_w_m) return;
+  // The last former pose is where it has just left; it may have been moved only a little.
+  const auto last =
+      marker.former_poses.empty() ? marker.former_poses.end() : marker.former_poses.end() - 1;
+  const bool returned =
+      std::any_of(marker.former_poses.begin(), last, [&](const Transform& former) {
+        return (former.p - marker.T_w_m->p).norm() < options_.same_place_m &&
+               rotationDistance(former.R, marker.T_w_m->R) < options_.same_place_rad;
+      });
+  if (returned) refuse(&marker, map, counters);
+}
+
+}  // namespace waymark::slam

@@ -1,0 +1,89 @@
+#include "slam/tracking/tracker.h"
+
+#include <algorithm>
+#include <utility>
+
+namespace waymark::slam {
+namespace {
+
+double imageArea(const MarkerDetection& d) {
+  const Eigen::Vector2d a = d.normalised[2] - d.normalised[0];
+  const Eigen::Vector2d b = d.normalised[3] - d.normalised[1];
+  return std::abs(a.x() * b.y() - a.y() * b.x());
+}
+
+// How far a pose is from the predicted one, as the markers' depth sees it, radians.
+double surprise(const Transform& T_w_c, const Transform& predicted, double depth_m) {
+  return rotationDistance(T_w_c.R, predicted.R) + (T_w_c.p - predicted.p).norm() / depth_m;
+}
+
+}  // namespace
+
+Tracker::Tracker(double focal_px, const TrackerOptions& options)
+    : focal_px_(focal_px),
+      options_(options),
+      optimiser_(focal_px, options.pose),
+      motion_(options.motion) {}
+
+std::optional<TrackedPose> Tracker::track(std::span<const KnownMarker> markers,
+                                          std::int64_t time_ns) const {
+  TrackedPose tracked;
+  if (const auto predicted = motion_.predict(time_ns)) {
+    if (auto solution = fromPrediction(markers, *predicted)) {
+      tracked.solution = std::move(*solution);
+      return tracked;
+    }
+    tracked.prediction_refused = true;
+  }
+  auto solution = relocalise(markers, optimiser_, focal_px_, options_.relocalisation);
+  if (!solution || !optimiser_.acceptable(*solution)) return std::nullopt;
+  tracked.solution = std::move(*solution);
+  tracked.method = TrackingMethod::kRelocalised;
+  return tracked;
+}
+
+std::optional<PoseSolution> Tracker::fromPrediction(std::span<const KnownMarker> markers,
+                                                    const Transform& predicted) const {
+  auto together = optimiser_.optimise(markers, predicted);
+  if (together && optimiser_.acceptable(*together)) return together;
+  if (markers.size() != 2) return std::nullopt;
+  // Two markers that contradict each other: the one that goes on as the camera moved is believed.
+  std::optional<PoseSolution> believed;
+  double least = 0.5 * options_.pose.worst_rms_px / focal_px_;  // radians
+  for (std::size_t i = 0; i < 2; ++i) {
+    auto alone = optimiser_.optimise(markers.subspan(i, 1), predicted);
+    if (!alone || !optimiser_.acceptable(*alone)) continue;
+    const double depth = (markers[i].T_w_m.p - alone->T_w_c.p).norm();
+    const double how_far = surprise(alone->T_w_c, predicted, depth);
+    if (how_far >= least) continue;
+    least = how_far;
+    alone->inlier = {i == 0, i == 1};
+    believed = std::move(alone);
+  }
+  return believed;
+}
+
+double poseAmbiguity(const PoseSolution& solution, std::span<const KnownMarker> markers,
+                     double focal_px, const SquarePoseOptions& square) {
+  const auto largest = std::max_element(markers.begin(), markers.end(),
+                                        [](const KnownMarker& a, const KnownMarker& b) {
+                                          return imageArea(*a.detection) < imageArea(*b.detection);
+                                        });
+  const auto pose = estimateSquarePose(*largest->detection, largest->size_m, focal_px, square);
+  if (!pose) return 1.0;
+  if (markers.size() == 1) return pose->ratio;
+  const Transform T_c_m = solution.T_w_c.inverse() * largest->T_w_m;
+  const std::size_t other =
+      rotationDistance(T_c_m.R, pose->T_c_m[0].R) < rotationDistance(T_c_m.R, pose->T_c_m[1].R) ? 1
+                                                                                                : 0;
+  const Transform T_w_c = largest->T_w_m * pose->T_c_m[other].inverse();
+  double cost = 0.0;
+  for (std::size_t i = 0; i < markers.size(); ++i) {
+    if (!solution.inlier[i]) continue;
+    constexpr double kBehind = 1e6;  // chi-square of a marker the other pose cannot even see
+    cost += PoseOptimiser::markerChi2(markers[i], T_w_c).value_or(kBehind);
+  }
+  return (cost + 1.0) / (solution.chi2 + 1.0);
+}
+
+}  // namespace waymark::slam

@@ -1,0 +1,62 @@
+// From frame to frame (seed 1, sections 4.3 and 4.8): the camera pose from the predicted one where
+// there is one, else from the markers alone.
+#pragma once
+
+#include <cstdint>
+#include <optional>
+#include <span>
+
+#include "slam/relocalisation/relocaliser.h"
+#include "slam/tracking/known_marker.h"
+#include "slam/tracking/motion_model.h"
+#include "slam/tracking/pose_optimiser.h"
+
+namespace waymark::slam {
+
+struct TrackerOptions {
+  PoseOptimiserOptions pose;
+  MotionModelOptions motion;
+  RelocaliserOptions relocalisation;
+};
+
+enum class TrackingMethod { kPredicted, kRelocalised };
+
+struct TrackedPose {
+  PoseSolution solution;
+  TrackingMethod method = TrackingMethod::kPredicted;
+  // The predicted pose was tried and refused.
+  bool prediction_refused = false;
+};
+
+class Tracker {
+ public:
+  Tracker(double focal_px, const TrackerOptions& options);
+
+  // The pose of the frame; empty when the markers do not give one. Changes nothing: commit() does.
+  [[nodiscard]] std::optional<TrackedPose> track(std::span<const KnownMarker> markers,
+                                                 std::int64_t time_ns) const;
+  // The pose was accepted: the next prediction starts from it.
+  void commit(const Transform& T_w_c, std::int64_t time_ns) { motion_.update(T_w_c, time_ns); }
+  // The map moved under the camera: same instant, new coordinates.
+  void correct(const Transform& T_w_c) { motion_.correct(T_w_c); }
+
+  [[nodiscard]] const PoseOptimiser& optimiser() const { return optimiser_; }
+  [[nodiscard]] double focalLength() const { return focal_px_; }
+
+ private:
+  [[nodiscard]] std::optional<PoseSolution> fromPrediction(std::span<const KnownMarker> markers,
+                                                           const Transform& predicted) const;
+
+  double focal_px_;
+  TrackerOptions options_;
+  PoseOptimiser optimiser_;
+  MotionModel motion_;
+};
+
+// How much worse the other solution of the frame's largest marker explains the inliers: large is
+// unambiguous, 1 is a coin toss. Precondition: one flag per marker, at least one of them set.
+[[nodiscard]] double poseAmbiguity(const PoseSolution& solution,
+                                   std::span<const KnownMarker> markers, double focal_px,
+                                   const SquarePoseOptions& square);
+
+}  // namespace waymark::slam
