@@ -28,8 +28,8 @@ TEST(SlamSettings, NestAsTheOptionsDo) {
   EXPECT_EQ(s->dictionary, "4X4_50");
   EXPECT_EQ(s->options.markers.size_m, 0.1);
   EXPECT_EQ(s->options.detector.scanner.threshold_window_px, 21);
-  EXPECT_EQ(s->options.keyframes.views_per_marker, 7);
-  EXPECT_EQ(s->options.local_optimisation.max_iterations, 3);
+  EXPECT_EQ(s->options.mapper.keyframes.views_per_marker, 7);
+  EXPECT_EQ(s->options.mapper.local_optimisation.max_iterations, 3);
 }
 
 TEST(SlamSettings, OfAFileWithOtherSectionsOrNone) {

@@ -60,10 +60,11 @@ io::Trajectory RunRecord::finalTrajectory(const slam::Slam& slam) const {
   std::optional<slam::Transform> neighbour;
   const auto localize = [&](std::size_t i) {
     if (!poses[i]) {
-      const std::optional<slam::Transform> guess =
-          frames_[i].pose ? std::optional(frames_[i].pose->T_w_c) : neighbour;
+      const auto& live = frames_[i].pose;
+      const std::optional<slam::Transform> guess = live ? live->T_w_c : neighbour;
       if (!guess) return;
-      const auto pose = slam.localize(frames_[i].detections, *guess);
+      const slam::Vector6d twist = live ? live->twist : slam::Vector6d::Zero();
+      const auto pose = slam.localize(frames_[i].detections, *guess, twist);
       if (pose) poses[i] = pose->T_w_c;
     }
     if (poses[i]) neighbour = poses[i];
