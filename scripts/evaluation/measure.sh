@@ -7,8 +7,8 @@ seconds_before_loop=5
 # The commit that is measured; the report's own changes do not count.
 commit() {
   local dirty
-  dirty=$(git status --porcelain --untracked-files=no -- . ':!docs/results.md')
-  printf '%s%s' "$(git rev-parse --short HEAD)" "${dirty:+-dirty}"
+  dirty=$(git status --porcelain --untracked-files=no -- . ':!docs/results.md' 2> /dev/null) || true
+  printf '%s%s' "$(git rev-parse --short HEAD 2> /dev/null || echo unknown)" "${dirty:+-dirty}"
 }
 
 provenance() {

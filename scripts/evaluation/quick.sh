@@ -31,9 +31,11 @@ quick_check() {
          limit: \$limits[0].rows[\$r.row][.key].limit}
       | .ok = (if .what == \"in_view_percent\" then .value >= .limit else .value <= .limit end)]" \
     "$measured"/quick/*.json > "$work/checks.json"
-  jq -r '.[] | [.row, .seed, .what, (.value * 1000 | round / 1000), .limit,
-                if .ok then "" else "BEYOND ITS LIMIT" end] | @tsv' "$work/checks.json" |
-    column -t -s $'\t' -N "scene,seed,what,measured,limit,"
+  {
+    printf 'scene\tseed\twhat\tmeasured\tlimit\n'
+    jq -r '.[] | [.row, .seed, .what, (.value * 1000 | round / 1000), .limit,
+                  if .ok then "" else "BEYOND ITS LIMIT" end] | @tsv' "$work/checks.json"
+  } | awk -F '\t' '{ printf "%-10s %4s  %-16s %9s %9s  %s\n", $1, $2, $3, $4, $5, $6 }'
   jq -e 'all(.ok)' "$work/checks.json" > /dev/null
 }
 
@@ -42,7 +44,7 @@ quick_derive_limits() {
   rm -rf "$measured/quick"
   quick_rows "$seeds"
   jq -s --argjson made "$(provenance)" --arg seeds "$seeds" "{
-      comment: \"Made by scripts/evaluate --quick-limits: what the seeds gave, and the limits, 4 standard deviations beyond the mean. Two more decimals of a millimetre than anybody needs.\",
+      comment: \"Made by scripts/evaluate --quick-limits: what the seeds gave, and the limits, 4 standard deviations beyond the mean.\",
       made: \$made, seeds: \$seeds,
       rows: (group_by(.row) | map({key: .[0].row, value: (map($quick_values) | . as \$all
         | [.[0] | keys_unsorted[]] | map(. as \$k | (\$all | map(.[\$k])) as \$v

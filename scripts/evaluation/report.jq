@@ -1,12 +1,15 @@
 # The tables of docs/results.md from the measured rows. Arguments: $plan (rows.json), $results (all
 # measured rows), $recordings (all measured recordings), $corners (or null), $header (text).
 
-# Three digits, but never more than three decimals.
+# Three digits; two of what is below 0.1.
 def digits: if . == null then "–"
   elif . >= 100 then round | tostring
   elif . >= 10 then . * 10 | round / 10 | tostring
   elif . >= 1 then . * 100 | round / 100 | tostring
-  else . * 1000 | round / 1000 | tostring end;
+  elif . >= 0.1 then . * 1000 | round / 1000 | tostring
+  elif . > 0 then (1 - (log10 | floor)) as $decimals
+    | . * pow(10; $decimals) | round / pow(10; $decimals) | tostring
+  else tostring end;
 def mm: if . == null then "–" else . * 1000 | digits end;
 def cm: if . == null then "–" else . * 100 | digits end;
 def percent: if . == null then "–" else . * 1000 | round / 10 | tostring + " %" end;
