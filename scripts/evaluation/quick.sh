@@ -23,9 +23,7 @@ quick_rows() {
 }
 
 # Every value against its limit. Returns 1 when one is beyond.
-quick_check() {
-  rm -rf "$measured/quick"
-  quick_rows ""
+quick_verdict() {
   jq -s --slurpfile limits "$quick_limits" "[.[] | . as \$r | $quick_values | to_entries[]
       | {row: \$r.row, seed: \$r.seed, what: .key, value,
          limit: \$limits[0].rows[\$r.row][.key].limit}
@@ -39,10 +37,8 @@ quick_check() {
   jq -e 'all(.ok)' "$work/checks.json" > /dev/null
 }
 
-# Measures how far the seeds scatter, and writes the limits: the mean and four standard deviations.
+# How far the seeds scatter, and from that the limits: the mean and four standard deviations.
 quick_derive_limits() {
-  rm -rf "$measured/quick"
-  quick_rows "$seeds"
   jq -s --argjson made "$(provenance)" --arg seeds "$seeds" "{
       comment: \"Made by scripts/evaluate --quick-limits: what the seeds gave, and the limits, 4 standard deviations beyond the mean.\",
       made: \$made, seeds: \$seeds,
