@@ -33,8 +33,9 @@ std::vector<simulator::Marker> hangUnderCeiling(double size_m, std::uint64_t see
     const Vector3d tilt(random.uniform(-0.1, 0.1), random.uniform(-0.1, 0.1),
                         random.uniform(-std::numbers::pi, std::numbers::pi));
     T_w_m.R = Vector3d(1.0, -1.0, -1.0).asDiagonal() * slam::expSo3(tilt);
-    T_w_m.p = {i % kColumns + random.uniform(-0.3, 0.3), i / kColumns + random.uniform(-0.3, 0.3),
-               kCeiling_m};
+    const int column = i % kColumns;
+    const int row = i / kColumns;
+    T_w_m.p = {column + random.uniform(-0.3, 0.3), row + random.uniform(-0.3, 0.3), kCeiling_m};
     markers.push_back({i, size_m, T_w_m});
   }
   return markers;
