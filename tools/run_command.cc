@@ -2,10 +2,13 @@
 
 #include <algorithm>
 #include <cstdio>
+#include <filesystem>
 #include <memory>
 #include <optional>
 #include <string>
+#include <system_error>
 #include <utility>
+#include <vector>
 
 #include <CLI/CLI.hpp>
 #include <opencv2/core.hpp>
@@ -14,6 +17,7 @@
 #include "io/map_file.h"
 #include "io/map_picture.h"
 #include "io/number_text.h"
+#include "io/recorded_detections.h"
 #include "io/slam_settings.h"
 #include "io/text_file.h"
 #include "slam/slam.h"
@@ -33,6 +37,7 @@ struct RunArguments {
   std::string marker_size;  // as typed; metres
   std::string config;
   std::string out;
+  std::string save_detections;
   std::optional<double> fps;
   bool no_global = false;
   bool realtime = false;
@@ -46,6 +51,7 @@ struct RunSetup {
   slam::Options options;
   std::unique_ptr<RunInput> input;
   std::optional<io::OutputDirectory> output;
+  std::optional<io::OutputDirectory> detections;  // the directory of --save-detections
 };
 
 // From the configuration file, where there is one, and the command line, which wins.
@@ -79,6 +85,26 @@ Result<io::SlamSettings> slamSettings(const RunArguments& arguments) {
   return settings;
 }
 
+// frames.csv goes beside the detections and belongs to all of them in that directory: one that came
+// with other detections stays.
+Result<std::optional<io::OutputDirectory>> openDetections(const std::string& file) {
+  if (file.empty()) return std::optional<io::OutputDirectory>();
+  const std::filesystem::path path(file);
+  if (path.extension() != ".csv" || path.filename() == "frames.csv") {
+    return Error{"--save-detections: '" + file + "' must be a name like detections.csv"};
+  }
+  const std::filesystem::path directory = path.has_parent_path() ? path.parent_path() : ".";
+  std::error_code error;
+  if (std::filesystem::exists(directory / "frames.csv", error) &&
+      !std::filesystem::exists(path, error)) {
+    return Error{(directory / "frames.csv").string() +
+                 ": exists already and belongs to other detections; choose another directory"};
+  }
+  Result<io::OutputDirectory> opened = io::OutputDirectory::open(directory);
+  if (!opened) return opened.error();
+  return std::optional<io::OutputDirectory>(std::move(opened).value());
+}
+
 Result<RunSetup> prepare(const RunArguments& arguments) {
   const Result<io::SlamSettings> settings = slamSettings(arguments);
   if (!settings) return settings.error();
@@ -91,14 +117,20 @@ Result<RunSetup> prepare(const RunArguments& arguments) {
                                                           .realtime = arguments.realtime},
                                                          camera);
   if (!input) return input.error();
+  Result<std::optional<io::OutputDirectory>> detections = openDetections(arguments.save_detections);
+  if (!detections) return detections.error();
   std::optional<io::OutputDirectory> output;
   if (!arguments.out.empty()) {
     Result<io::OutputDirectory> opened = io::OutputDirectory::open(arguments.out);
     if (!opened) return opened.error();
     output.emplace(std::move(opened).value());
   }
-  return RunSetup{camera, *slam::Dictionary::byName(settings->dictionary), settings->options,
-                  std::move(input).value(), std::move(output)};
+  return RunSetup{camera,
+                  *slam::Dictionary::byName(settings->dictionary),
+                  settings->options,
+                  std::move(input).value(),
+                  std::move(output),
+                  std::move(detections).value()};
 }
 
 Status processAll(RunInput& input, slam::Slam& slam, StageTimer& timer, bool show_progress,
@@ -108,7 +140,7 @@ Status processAll(RunInput& input, slam::Slam& slam, StageTimer& timer, bool sho
     const Result<std::optional<RunInput::Step>> step = input.step(slam, timer);
     if (!step) return step.error();
     if (!step.value()) return success();
-    record->add((*step)->time_ns, (*step)->result);
+    record->add((*step)->time_ns, (*step)->result, slam.counters());
     bar.update(static_cast<std::int64_t>(record->frames()), [&] {
       return "localized " + io::fixed(record->localizedPercent(), 1) + " %  " +
              std::to_string(slam.map().markers().size()) + " markers";
@@ -131,6 +163,15 @@ Status writeOutputs(const slam::Slam& slam, const std::string& statistics, const
   return output.commit();
 }
 
+Status writeDetections(const std::string& file, const RunRecord& record,
+                       const slam::CameraModel& camera, io::OutputDirectory& directory) {
+  const std::vector<io::RecordedFrame> frames = record.recordedFrames();
+  directory.add(std::filesystem::path(file).filename(),
+                io::formatRecordedDetections(frames, camera));
+  directory.add("frames.csv", io::formatFrameTimes(frames));
+  return directory.commit();
+}
+
 Result<ExitCode> run(const RunArguments& arguments) {
   // The SLAM is one thread; OpenCV's pool would blur its timing and gain nothing.
   cv::setNumThreads(1);
@@ -145,6 +186,11 @@ Result<ExitCode> run(const RunArguments& arguments) {
   const Status processed =
       processAll(*setup.input, slam, timer, /*show_progress=*/!arguments.quiet, &record);
   if (!processed) return processed.error();
+  if (setup.detections) {
+    const Status written =
+        writeDetections(arguments.save_detections, record, setup.camera, *setup.detections);
+    if (!written) return written.error();
+  }
   if (!arguments.no_global) slam.optimiseGlobally();
   if (setup.output) {
     const Status written =
@@ -184,6 +230,9 @@ void addRunCommand(CLI::App& app, int* exit_code) {
   command->add_option("--out", arguments->out,
                       "Directory for trajectory.tum, trajectory_final.tum, map.json, map.svg and "
                       "stats.json");
+  command->add_option("--save-detections", arguments->save_detections,
+                      "Write the corners found in each frame into this detections.csv, and a "
+                      "frames.csv beside it; both can be run again");
   command->add_option("--fps", arguments->fps, "Frame rate, instead of the recording's own, Hz")
       ->check(CLI::PositiveNumber);
   command->add_flag("--no-global", arguments->no_global,

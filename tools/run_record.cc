@@ -32,7 +32,10 @@ std::size_t posedMarkers(const slam::Map& map) {
 
 }  // namespace
 
-void RunRecord::add(std::int64_t time_ns, const slam::FrameResult& result) {
+void RunRecord::add(std::int64_t time_ns, const slam::FrameResult& result,
+                    const slam::Counters& counters) {
+  if (counters.loop_closures > loop_closures_) loop_closed_at_ns_.push_back(time_ns);
+  loop_closures_ = counters.loop_closures;
   if (result.pose) {
     if (!initialized_at_) initialized_at_ = frames_.size();
     ++localized_;
@@ -80,6 +83,13 @@ io::Trajectory RunRecord::finalTrajectory(const slam::Slam& slam) const {
   return trajectory;
 }
 
+std::vector<io::RecordedFrame> RunRecord::recordedFrames() const {
+  std::vector<io::RecordedFrame> recorded;
+  recorded.reserve(frames_.size());
+  for (const FrameRecord& frame : frames_) recorded.push_back({frame.time_ns, frame.detections});
+  return recorded;
+}
+
 std::string RunRecord::statistics(const slam::Slam& slam, const StageTimer& timer,
                                   std::uint64_t dropped_late) const {
   const slam::Counters& counters = slam.counters();
@@ -95,6 +105,10 @@ std::string RunRecord::statistics(const slam::Slam& slam, const StageTimer& time
   json["keyframes"] = slam.map().keyframes().size();
   json["markers"] = posedMarkers(slam.map());
   json["loop_closures"] = counters.loop_closures;
+  json["loop_closed_at_s"] = Json::array();
+  for (const std::int64_t time_ns : loop_closed_at_ns_) {
+    json["loop_closed_at_s"].push_back(1e-9 * static_cast<double>(time_ns));
+  }
   json["relocalizations"] = counters.relocalizations;
   json["reprojection_rms_px"] =
       localized_ > 0 ? Json(std::sqrt(squares_px2 / static_cast<double>(localized_))) : none;
