@@ -88,7 +88,7 @@ void print(std::int64_t frames, const slam::Slam& slam, std::span<const io::Mark
   const std::vector<io::MarkerCorners> map = io::posedMarkerCorners(slam.map());
   const auto errors = tools::compareMaps(layout, map);
   std::printf("%9lld %8zu %9zu %8.2f%% %9.4f %9.4f %9.4f %9.1f %9s %9s\n",
-              static_cast<long long>(frames), map.size(), slam.map().keyframes.size(),
+              static_cast<long long>(frames), map.size(), slam.map().keyframes().size(),
               100.0 * static_cast<double>(stretch.estimate.size()) / count, sum_ms / count,
               quantile(sorted, 990), sorted.back(), residentMegabytes(), ateText(stretch).c_str(),
               errors ? io::fixed(1000.0 * errors->ace_m.mean, 3).c_str() : "-");
@@ -105,7 +105,7 @@ tools::ExitCode run(const Arguments& arguments) {
   const slam::CameraModel camera(walk.camera);
   const std::vector<io::MarkerCorners> layout = layoutOf(walk);
   slam::Options options;
-  options.marker_size_m = walk.marker_size_m;
+  options.markers.size_m = walk.marker_size_m;
   // The corners come with their ids; the dictionary is only a name here.
   slam::Slam slam(camera, *slam::Dictionary::byName("4X4_1000"), options);
   const simulator::ObservationOptions noise{.sigma_px = arguments.sigma_px,

@@ -25,7 +25,7 @@ constexpr std::int64_t kTick_ns = 1'000'000;  // times in Matroska are rounded t
 
 class VideoSource final : public FrameSource {
  public:
-  VideoSource(std::filesystem::path path, cv::VideoCapture video, std::optional<double> fps,
+  VideoSource(std::filesystem::path path, const cv::VideoCapture& video, std::optional<double> fps,
               bool counts_frames);
 
   [[nodiscard]] const StreamInfo& info() const override { return info_; }
@@ -67,10 +67,10 @@ StreamInfo describe(const std::filesystem::path& path, const cv::VideoCapture& v
   return info;
 }
 
-VideoSource::VideoSource(std::filesystem::path path, cv::VideoCapture video,
+VideoSource::VideoSource(std::filesystem::path path, const cv::VideoCapture& video,
                          std::optional<double> fps, bool counts_frames)
     : path_(std::move(path)),
-      video_(std::move(video)),
+      video_(video),
       own_times_(!fps),
       counts_frames_(counts_frames),
       info_(describe(path_, video_, fps)),

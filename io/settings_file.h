@@ -54,6 +54,7 @@ template <typename Value>
 [[nodiscard]] Setting choiceSetting(std::string key, Value& target,
                                     const std::vector<std::pair<std::string, Value>>& choices) {
   std::vector<std::string> words;
+  words.reserve(choices.size());
   for (const auto& choice : choices) words.push_back(choice.first);
   return wordSetting(std::move(key), std::move(words),
                      [&target, choices](std::size_t i) { target = choices[i].second; });
