@@ -100,6 +100,16 @@ TEST_F(MarkerWatchTest, ADoubledMarkerIsRefusedBeforeItIsMapped) {
   EXPECT_EQ(map_.find(6)->state, MarkerState::kRefused);
 }
 
+// Ignored ids are not looked at, not even to count them.
+TEST_F(MarkerWatchTest, ADoubledIgnoredMarkerLeavesNoTrace) {
+  for (int i = 0; i < 2 * MarkerWatchOptions{}.doubled_frames; ++i) {
+    EXPECT_TRUE(screened({seen(55), seen(55)}).empty());
+  }
+  EXPECT_FALSE(watch_.refuseDoubled(&map_, &counters_));
+  EXPECT_EQ(map_.find(55), nullptr);
+  EXPECT_EQ(counters_.doubled_markers, 0U);
+}
+
 TEST_F(MarkerWatchTest, AMovedMarkerIsQuarantined) {
   mapMarker(1, at(0.0));
   mapMarker(2, at(1.0));
