@@ -41,6 +41,19 @@ inline std::vector<SyntheticMarker> roomMarkers(int count, double radius_m, std:
   return markers;
 }
 
+// Six markers some 3 m from the origin that nearly face it. With a side of 10 cm they are 17 pixels
+// wide, and every single view of them is ambiguous.
+inline std::vector<SyntheticMarker> frontalMarkers(std::mt19937* rng) {
+  std::uniform_real_distribution<double> u(-1.0, 1.0);
+  std::vector<SyntheticMarker> markers;
+  for (int i = 0; i < 6; ++i) {
+    const Eigen::Vector3d centre(0.4 * (i % 3 - 1), 3.0 + 0.1 * u(*rng), 0.4 * (i / 3) - 0.2);
+    const Eigen::Vector3d towards = centre + Eigen::Vector3d(0.25 * u(*rng), -1, 0.25 * u(*rng));
+    markers.push_back({i, markerFacing(centre, towards)});
+  }
+  return markers;
+}
+
 // A camera that turns round in the room and looks outwards, a little off the middle.
 inline Transform roomView(double angle_rad, double off_middle_m = 0.5) {
   const Eigen::Vector3d outwards(std::cos(angle_rad), std::sin(angle_rad), 0.0);
