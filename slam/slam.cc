@@ -296,6 +296,7 @@ class Slam::Impl {
     }
     if (frames_to_next_attempt_ > 0) {
       --frames_to_next_attempt_;
+      recordContradiction(*sight);
       return;
     }
     LoopFrame candidate = loopFrame(*sight);
@@ -305,8 +306,12 @@ class Slam::Impl {
       constexpr int kFramesBetweenAttempts = 10;
       frames_to_next_attempt_ = kFramesBetweenAttempts;
       ++counters_.loops_refused;
+      const bool contradicted = std::get<LoopRefusal>(outcome) == LoopRefusal::kContradicted;
+      contradicting_marker_ = contradicted && loop.size() == 1 ? loop[0].detection->id : -1;
+      recordContradiction(*sight);
       return;
     }
+    contradicting_marker_ = -1;
     auto& closed = std::get<ClosedLoop>(outcome);
     map_ = std::move(closed.map);
     ++counters_.loop_closures;
@@ -347,7 +352,7 @@ class Slam::Impl {
   }
 
   // The frame with the markers of L(t) that agree with each other, and where they say it is.
-  LoopFrame loopFrame(const Sight& sight) {
+  [[nodiscard]] LoopFrame loopFrame(const Sight& sight) const {
     const std::vector<KnownMarker>& loop = sight.known.loop;
     LoopFrame frame{frameOf(sight, sight.solution.T_w_c), {}, {}, *loop_detector_.reference()};
     const auto add = [&](const KnownMarker& marker) {
@@ -372,11 +377,16 @@ class Slam::Impl {
       }
     }
     sortById(&frame.frame.detections);
-    // One marker that contradicts all others: it moved, or hangs twice, more likely than they did.
-    if (loop.size() == 1 && sight.solution.inliers >= 2) {
-      watch_.record(loop[0].detection->id, false, sight.time.monotonic_ns);
-    }
     return frame;
+  }
+
+  // One marker that contradicts all others, whose loop was refused for that: it moved, or hangs
+  // twice, more likely than they did. The watch hears of every frame, not only of the attempts.
+  void recordContradiction(const Sight& sight) {
+    const std::vector<KnownMarker>& loop = sight.known.loop;
+    if (loop.size() != 1 || loop[0].detection->id != contradicting_marker_) return;
+    if (sight.solution.inliers < 2) return;
+    watch_.record(contradicting_marker_, false, sight.time.monotonic_ns);
   }
 
   // Sections 4.2 and 4.4 to 4.7, and what the watch has noticed.
@@ -445,6 +455,7 @@ class Slam::Impl {
   Map map_;
   Counters counters_;
   int frames_to_next_attempt_ = 0;  // to close a loop, after one was refused
+  int contradicting_marker_ = -1;   // the only marker of that loop; -1 for none
 };
 
 Slam::Slam(const CameraModel& camera, Dictionary dictionary, const Options& options, Map map)

@@ -65,6 +65,16 @@ bool wouldBeKept(const Map& map, std::span<const MarkerDetection> detections,
   });
 }
 
+// Rule 2b for these detections: far from every keyframe that sees one of them, and of use to one.
+bool widensBaseline(const Map& map, std::span<const MarkerDetection> detections,
+                    const Transform& T_w_c, double depth_m, const KeyframeOptions& options) {
+  const auto reference = referenceKeyframe(map, detections, T_w_c, depth_m, options);
+  if (!reference) return true;
+  const Transform& nearest = map.keyframes().at(*reference).T_w_c;
+  return viewDistance(nearest, T_w_c, depth_m, options) > 1.0 &&
+         wouldBeKept(map, detections, T_w_c, options);
+}
+
 }  // namespace
 
 double viewDistance(const Transform& a, const Transform& b, double depth_m,
@@ -100,12 +110,14 @@ KeyframeReason keyframeReason(const Map& map, std::span<const MarkerDetection> d
                   [&](const MarkerDetection& d) { return map.find(d.id) == nullptr; });
   if (has_new) return KeyframeReason::kNewMarker;
   if (resolved) return KeyframeReason::kMarkerResolved;
-  const auto reference = referenceKeyframe(map, detections, T_w_c, depth_m, options);
-  if (!reference) return KeyframeReason::kBaseline;
-  const Transform& nearest = map.keyframes().at(*reference).T_w_c;
-  if (viewDistance(nearest, T_w_c, depth_m, options) > 1.0 &&
-      wouldBeKept(map, detections, T_w_c, options)) {
-    return KeyframeReason::kBaseline;
+  if (widensBaseline(map, detections, T_w_c, depth_m, options)) return KeyframeReason::kBaseline;
+  // A marker without a pose needs views of its own, also where keyframes that do not see it (from
+  // before it moved) are dense already.
+  for (const MarkerDetection& detection : detections) {
+    if (map.findPosed(detection.id) == nullptr &&
+        widensBaseline(map, {&detection, 1}, T_w_c, depth_m, options)) {
+      return KeyframeReason::kBaseline;
+    }
   }
   return KeyframeReason::kNone;
 }

@@ -55,6 +55,28 @@ TEST(KeyframePolicy, TakesNoFrameThatCullingWouldNotKeep) {
   EXPECT_EQ(keyframeReason(map, known, outside, 0.5, false, options), KeyframeReason::kBaseline);
 }
 
+// A marker that moved has lost its views. Where keyframes from before are dense, new ones must come
+// all the same, as far from each other as ever.
+TEST(KeyframePolicy, AMarkerWithoutAPoseGetsViewsOfItsOwn) {
+  Map map = lineOfKeyframes(9);
+  map.marker(2).T_w_m.reset();
+  Transform here;
+  here.p.x() = 0.42;
+  const std::vector<MarkerDetection> known = {seen(1)};
+  const std::vector<MarkerDetection> both = {seen(1), seen(2)};
+  const auto reason = [&](const std::vector<MarkerDetection>& detections) {
+    return keyframeReason(map, detections, here, 2.0, false, {});
+  };
+  EXPECT_EQ(reason(known), KeyframeReason::kNone);
+  EXPECT_EQ(reason(both), KeyframeReason::kBaseline);
+  (void)map.addKeyframe({-1, 0, 0, here, both});
+  EXPECT_EQ(reason(both), KeyframeReason::kNone);
+  here.p.x() = 0.52;  // more than 8 cm from the one that sees it
+  EXPECT_EQ(reason(both), KeyframeReason::kBaseline);
+  map.marker(2).T_w_m = Transform{};
+  EXPECT_EQ(reason(both), KeyframeReason::kNone);
+}
+
 TEST(KeyframePolicy, ReferenceIsTheNearestThatSeesAMarkerOfTheFrame) {
   const Map map = lineOfKeyframes(5, 1);
   Transform here;

@@ -175,6 +175,13 @@ Candidate tryCandidate(const Map& map, const LoopFrame& loop, const Transform& e
   return candidate;
 }
 
+// The optimisation may have led the second candidate to the first one's map: no contradiction.
+bool isAnother(const ClosedLoop& a, const ClosedLoop& b) {
+  constexpr double kOtherRotation = 0.05;  // radians, of the closing frame
+  return rotationDistance(a.map.keyframes().at(a.keyframe).T_w_c.R,
+                          b.map.keyframes().at(b.keyframe).T_w_c.R) > kOtherRotation;
+}
+
 }  // namespace
 
 std::variant<ClosedLoop, LoopRefusal> closeLoop(const Map& map, const LoopFrame& loop,
@@ -186,24 +193,24 @@ std::variant<ClosedLoop, LoopRefusal> closeLoop(const Map& map, const LoopFrame&
   const double allowed =
       options.max_growth + options.max_growth_share * before.cost / (before.noise * before.noise);
   std::optional<Candidate> best;
-  double other_growth = 0.0;
+  std::optional<Candidate> other;
   for (const Transform& expected : loop.expected) {
     Candidate candidate = tryCandidate(map, loop, expected, before, huber, markers, options);
     if (best && candidate.growth >= best->growth) {
-      other_growth = candidate.growth;
-      continue;
+      other = std::move(candidate);
+    } else {
+      other = std::move(best);
+      best = std::move(candidate);
     }
-    if (best) other_growth = best->growth;
-    best = std::move(candidate);
   }
   if (!best || !(best->growth <= allowed) ||
       !(best->closing_error <= options.worst_closing_error)) {
     return LoopRefusal::kContradicted;
   }
-  if (loop.expected.size() > 1) {
+  if (other && isAnother(other->closed, best->closed)) {
     // Odds, not a quotient of small numbers: both growths above what noise alone makes of them.
     const double floor = 8.0;
-    if (std::max(other_growth, 0.0) + floor <
+    if (std::max(other->growth, 0.0) + floor <
         options.ambiguity_ratio * (std::max(best->growth, 0.0) + floor)) {
       return LoopRefusal::kAmbiguous;
     }

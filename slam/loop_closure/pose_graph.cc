@@ -49,9 +49,12 @@ std::optional<Eigen::VectorXd> solve(const PoseGraph& graph, double scale, doubl
   };
   const auto damped = [&](Matrix6d H) {
     H.diagonal() *= 1.0 + lambda;
-    H.diagonal().array() += 1e-12;
     return H;
   };
+  // A pose without an edge stays where it is, and the system is still positive definite.
+  for (int i = 0; i + 1 < static_cast<int>(graph.poses.size()); ++i) {
+    add(i, i, 1e-12 * Matrix6d::Identity());
+  }
   for (const PoseGraph::Edge& edge : graph.edges) {
     const Transform& T_w_a = graph.poses[static_cast<std::size_t>(edge.a)];
     const Transform& T_w_b = graph.poses[static_cast<std::size_t>(edge.b)];
@@ -97,6 +100,7 @@ EdgeJacobians edgeJacobians(const Transform& T_w_a, const Transform& T_w_b, cons
 PoseGraphSummary optimisePoseGraph(PoseGraph* graph, const PoseGraphOptions& options) {
   constexpr double kHopeless = 1e8;
   PoseGraphSummary summary;
+  if (graph->poses.empty()) return summary;
   const double scale = options.radians_per_metre;
   summary.initial_cost = summary.final_cost = graphCost(*graph, graph->poses, scale);
   double lambda = 1e-6;

@@ -1,9 +1,11 @@
 #include "slam/marker_pose/marker_resolver.h"
 
+#include <limits>
 #include <random>
 
 #include <gtest/gtest.h>
 
+#include "slam/testing/ceres_reference.h"
 #include "slam/testing/synthetic.h"
 
 namespace waymark::slam {
@@ -41,6 +43,38 @@ TEST_F(MarkerResolverTest, ManyAmbiguousViewsDecide) {
   EXPECT_GT(found.ratio, 3.0);
   EXPECT_LT(rotationDistance(found.T_w_m.R, T_w_m_.R), 0.06);
   EXPECT_LT((found.T_w_m.p - T_w_m_.p).norm(), 0.02);
+}
+
+// Eq. 26 over all views: the best of both orientations, each as good as Ceres can make it.
+TEST_F(MarkerResolverTest, ReachesTheSameOptimaAsCeres) {
+  for (int trial = 0; trial < 5; ++trial) {
+    const auto many = views(4, 0.05);
+    const auto found = resolveMarkerPose(many, kSize, camera_.focalLength(), 1.0);
+    ASSERT_TRUE(found.other_T_w_m);
+    const auto problemAt = [&](const Transform& T_w_m) {
+      BundleProblem problem;
+      problem.markers = {{T_w_m, false}};
+      problem.marker_sizes_m = {kSize};
+      for (const MarkerView& view : many) {
+        problem.observations.push_back(
+            {static_cast<int>(problem.cameras.size()), 0, view.detection});
+        problem.cameras.push_back({view.T_w_c, true});
+      }
+      return testing::CeresBundle(problem, std::numeric_limits<double>::infinity());
+    };
+    double costs[2] = {0.0, 0.0};
+    const Transform* poses[2] = {&found.T_w_m, &*found.other_T_w_m};
+    for (int k = 0; k < 2; ++k) {
+      costs[k] = problemAt(*poses[k]).cost();
+      const double optimum = problemAt(*poses[k]).solve();
+      EXPECT_NEAR(costs[k], optimum, 1e-3 * optimum) << "trial " << trial;
+    }
+    EXPECT_LE(costs[0], costs[1]);
+    // From the truth Ceres finds one of the two, not a third one.
+    const double from_truth = problemAt(T_w_m_).solve();
+    EXPECT_NEAR(std::min(std::abs(from_truth - costs[0]), std::abs(from_truth - costs[1])), 0.0,
+                1e-3 * from_truth);
+  }
 }
 
 TEST_F(MarkerResolverTest, TooFewViewsOrNoBaselineDoNot) {

@@ -1,10 +1,13 @@
 #include "slam/marker_pose/square_pose.h"
 
+#include <limits>
 #include <random>
 
 #include <gtest/gtest.h>
 
-#include "slam/testing/synthetic.h"
+#include "slam/testing/ceres_reference.h"
+#include "slam/testing/numeric.h"
+#include "slam/testing/scene.h"
 
 namespace waymark::slam {
 namespace {
@@ -13,8 +16,28 @@ using testing::lookAt;
 using testing::markerFacing;
 using testing::observe;
 
+constexpr double kSize = 0.12;
+constexpr double kNoKernel = std::numeric_limits<double>::infinity();
+
 class SquarePoseTest : public ::testing::Test {
  protected:
+  // A far marker with noise, turned away by some angle: both solutions are minima of their own.
+  MarkerDetection ambiguousMarker() {
+    std::uniform_real_distribution<double> u(-1.0, 1.0);
+    const Eigen::Vector3d centre(0.5 * u(rng_), 3.0, 0.5 * u(rng_));
+    const Transform T_w_m = markerFacing(centre, {2.5 * u(rng_), 0.0, 2.5 * u(rng_)});
+    return observe(camera_, lookAt({0, 0, 0}, {0, 3, 0}), 0, T_w_m, kSize, 0.3, &rng_).value();
+  }
+
+  static BundleProblem problemOf(const MarkerDetection& detection, const Transform& T_c_m) {
+    BundleProblem problem;
+    problem.cameras = {{Transform{}, true}};
+    problem.markers = {{T_c_m, false}};
+    problem.marker_sizes_m = {kSize};
+    problem.observations = {{0, 0, &detection}};
+    return problem;
+  }
+
   CameraModel camera_{testing::testCalibration()};
   std::mt19937 rng_{7};
 };
@@ -34,6 +57,39 @@ TEST_F(SquarePoseTest, ExactCornersGiveTheExactPose) {
     EXPECT_LT(rotationDistance(pose->T_c_m[0].R, truth.R), 1e-5);
     EXPECT_LE(pose->error[0], pose->error[1]);
     EXPECT_NEAR(pose->T_c_m[1].R.determinant(), 1.0, 1e-9);
+  }
+}
+
+// The whitened error of both solutions is flat there, by central differences of Ceres' residuals.
+TEST_F(SquarePoseTest, BothSolutionsAreMinima) {
+  for (int i = 0; i < 20; ++i) {
+    const MarkerDetection detection = ambiguousMarker();
+    const auto pose = estimateSquarePose(detection, kSize, camera_.focalLength());
+    ASSERT_TRUE(pose);
+    for (std::size_t k = 0; k < 2; ++k) {
+      const auto error = [&](const Transform& T) {
+        return Eigen::Matrix<double, 1, 1>(
+            testing::CeresBundle(problemOf(detection, T), kNoKernel).cost());
+      };
+      EXPECT_NEAR(error(pose->T_c_m[k])[0], pose->error[k], 1e-6 * pose->error[k] + 1e-9);
+      const auto slope = testing::numericJacobian(pose->T_c_m[k], error, 1e-5);
+      const auto elsewhere =
+          testing::numericJacobian(testing::disturbed(pose->T_c_m[k], 1e-3, &rng_), error, 1e-5);
+      EXPECT_LT(slope.norm(), 0.05 * elsewhere.norm()) << "trial " << i << ", solution " << k;
+    }
+  }
+}
+
+TEST_F(SquarePoseTest, BothSolutionsAreWhatCeresFinds) {
+  for (int i = 0; i < 20; ++i) {
+    const MarkerDetection detection = ambiguousMarker();
+    const auto pose = estimateSquarePose(detection, kSize, camera_.focalLength());
+    ASSERT_TRUE(pose);
+    for (std::size_t k = 0; k < 2; ++k) {
+      const double optimum =
+          testing::CeresBundle(problemOf(detection, pose->T_c_m[k]), kNoKernel).solve();
+      EXPECT_NEAR(pose->error[k], optimum, 1e-3 * optimum) << "trial " << i << ", solution " << k;
+    }
   }
 }
 

@@ -1,6 +1,7 @@
 #include "slam/marker_watch/marker_watch.h"
 
 #include <algorithm>
+#include <iterator>
 
 namespace waymark::slam {
 namespace {
@@ -27,7 +28,9 @@ void quarantine(MapMarker* marker, Map* map, Counters* counters) {
 std::vector<MarkerDetection> MarkerWatch::screen(std::span<const MarkerDetection> detections,
                                                  const CameraModel& camera, const Map& map,
                                                  Counters* counters) {
-  std::vector<MarkerDetection> usable(detections.begin(), detections.end());
+  std::vector<MarkerDetection> usable;
+  std::copy_if(detections.begin(), detections.end(), std::back_inserter(usable),
+               [&](const MarkerDetection& d) { return !markers_.isIgnored(d.id); });
   std::stable_sort(usable.begin(), usable.end(),
                    [](const MarkerDetection& a, const MarkerDetection& b) { return a.id < b.id; });
   std::vector<int> doubled;
@@ -40,7 +43,6 @@ std::vector<MarkerDetection> MarkerWatch::screen(std::span<const MarkerDetection
   std::erase_if(usable, [&](const MarkerDetection& d) {
     const MapMarker* marker = map.find(d.id);
     if (marker != nullptr && marker->state == MarkerState::kRefused) return true;
-    if (markers_.isIgnored(d.id)) return true;
     if (std::binary_search(doubled.begin(), doubled.end(), d.id)) return true;
     const bool whole = std::all_of(d.pixels.begin(), d.pixels.end(), [&](const auto& corner) {
       return camera.inImage(corner, options_.border_px);

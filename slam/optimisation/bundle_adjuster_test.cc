@@ -1,57 +1,15 @@
 #include "slam/optimisation/bundle_adjuster.h"
 
-#include <deque>
-#include <random>
-
-#include <Eigen/LU>
-#include <ceres/ceres.h>
 #include <gtest/gtest.h>
 
-#include "slam/testing/synthetic.h"
+#include "slam/testing/bundle_scenario.h"
+#include "slam/testing/ceres_reference.h"
 
 namespace waymark::slam {
 namespace {
 
-constexpr double kSize = 0.12;
-
-// Markers on a wall, cameras along it; every start pose a little off, the first camera right and
-// fixed.
-struct Scenario {
-  explicit Scenario(int seed, double sigma_px, int cameras = 10)
-      : rng(static_cast<unsigned>(seed)) {
-    const auto markers = testing::markerWall(3, 4, 0.5, &rng);
-    std::normal_distribution<double> noise(0.0, 0.02);
-    const auto disturbed = [&](const Transform& T) {
-      Vector6d d;
-      for (int i = 0; i < 6; ++i) d[i] = noise(rng);
-      return T.retract(d);
-    };
-    for (const auto& marker : markers) {
-      true_markers.push_back(marker.T_w_m);
-      problem.markers.push_back({disturbed(marker.T_w_m), false});
-      problem.marker_sizes_m.push_back(kSize);
-    }
-    for (int c = 0; c < cameras; ++c) {
-      const Transform T_w_c = testing::lookAt({0.25 * c - 1.1, 0.4 * (c % 3), 0.2 * (c % 2)},
-                                              {0.1 * c - 0.5, 3.0, 0.0});
-      true_cameras.push_back(T_w_c);
-      problem.cameras.push_back({c == 0 ? T_w_c : disturbed(T_w_c), c == 0});
-      for (const auto& marker : markers) {
-        const auto seen =
-            testing::observe(camera, T_w_c, marker.id, marker.T_w_m, kSize, sigma_px, &rng);
-        if (!seen) continue;
-        detections.push_back(*seen);
-        problem.observations.push_back({c, marker.id, &detections.back()});
-      }
-    }
-  }
-
-  std::mt19937 rng;
-  CameraModel camera{testing::testCalibration()};
-  std::vector<Transform> true_cameras, true_markers;
-  std::deque<MarkerDetection> detections;
-  BundleProblem problem;
-};
+using Scenario = testing::BundleScenario;
+constexpr double kSize = Scenario::kSizeM;
 
 const BundleOptions kToTheEnd{
     .max_iterations = 100, .min_relative_decrease = 1e-10, .estimate_noise = false};
@@ -79,62 +37,120 @@ TEST(BundleAdjuster, FixedPosesStayBitIdentical) {
   EXPECT_EQ(before.p, s.problem.cameras[0].T.p);
 }
 
-// The same problem for Ceres, by numeric differentiation of an independent residual.
-struct CeresResidual {
-  const MarkerDetection* detection;
-  int corner;
-  bool operator()(const double* camera, const double* marker, double* residual) const {
-    const auto pose = [](const double* p) {
-      return Transform{expSo3({p[3], p[4], p[5]}), {p[0], p[1], p[2]}};
-    };
-    const auto k = static_cast<std::size_t>(corner);
-    const Eigen::Vector3d x = pose(camera).inverse() * (pose(marker) * markerCorners(kSize)[k]);
-    const Eigen::Vector2d difference =
-        Eigen::Vector2d(x.x() / x.z(), x.y() / x.z()) - detection->normalised[k];
-    const Eigen::Matrix2d L = detection->covariance[k].inverse().llt().matrixU();
-    Eigen::Map<Eigen::Vector2d>(residual, 2) = L * difference;
-    return true;
-  }
-};
-
-double ceresOptimum(const Scenario& s, double huber) {
-  std::deque<std::array<double, 6>> blocks;
-  const auto block = [&](const Transform& T) {
-    const Eigen::Vector3d r = logSo3(T.R);
-    blocks.push_back({T.p.x(), T.p.y(), T.p.z(), r.x(), r.y(), r.z()});
-    return blocks.back().data();
-  };
-  std::vector<double*> cameras, markers;
-  for (const auto& pose : s.problem.cameras) cameras.push_back(block(pose.T));
-  for (const auto& pose : s.problem.markers) markers.push_back(block(pose.T));
-  ceres::Problem problem;
-  for (const auto& o : s.problem.observations) {
-    for (int corner = 0; corner < 4; ++corner) {
-      problem.AddResidualBlock(
-          new ceres::NumericDiffCostFunction<CeresResidual, ceres::CENTRAL, 2, 6, 6>(
-              new CeresResidual{o.detection, corner}),
-          new ceres::HuberLoss(huber), cameras[static_cast<std::size_t>(o.camera)],
-          markers[static_cast<std::size_t>(o.marker)]);
-    }
-  }
-  problem.SetParameterBlockConstant(cameras[0]);
-  ceres::Solver::Options options;
-  options.linear_solver_type = ceres::DENSE_SCHUR;
-  options.max_num_iterations = 100;
-  options.function_tolerance = 1e-12;
-  ceres::Solver::Summary summary;
-  ceres::Solve(options, &problem, &summary);
-  return 2.0 * summary.final_cost;  // Ceres halves
-}
-
 TEST(BundleAdjuster, ReachesTheSameOptimumAsCeres) {
-  for (const int seed : {3, 4, 5}) {
+  for (const unsigned seed : {3U, 4U, 5U}) {
     Scenario s(seed, 0.3);
-    const double ceres_cost = ceresOptimum(s, kToTheEnd.huber);
+    const double ceres_cost = testing::CeresBundle(s.problem, kToTheEnd.huber).solve();
     const BundleSummary summary = adjustBundle(&s.problem, kToTheEnd);
     EXPECT_LT(summary.final_cost, summary.initial_cost);
     EXPECT_NEAR(summary.final_cost, ceres_cost, 1e-3 * ceres_cost) << "seed " << seed;
   }
+}
+
+// Eq. 41: with a wide prior and exact corners, the lens that took the pictures comes out.
+TEST(BundleAdjuster, ExactCornersGiveTheExactLens) {
+  for (const int cameras : {8, 20}) {  // both eliminations
+    Scenario s(21, 0.0, cameras);
+    IntrinsicVector sigma = 1000.0 * testing::lensSigma();
+    s.disturbLens(testing::staleLens(), sigma);
+    const BundleSummary summary = adjustBundle(&s.problem, kToTheEnd);
+    EXPECT_FALSE(summary.failed);
+    // The prior's pull: (off / sigma)^2 summed up is some 1e-6 of cost, and no more.
+    const double pull = testing::staleLens().head<8>().cwiseQuotient(sigma.head<8>()).squaredNorm();
+    EXPECT_LT(summary.final_cost, 1.01 * pull + 1e-9);
+    const IntrinsicVector error = s.problem.lens->camera.intrinsics() - s.camera.intrinsics();
+    EXPECT_LT(error.head<4>().cwiseAbs().maxCoeff(), 0.01) << error.transpose();
+    EXPECT_LT(error.tail<5>().cwiseAbs().maxCoeff(), 1e-4) << error.transpose();
+    for (std::size_t m = 0; m < s.true_markers.size(); ++m) {
+      EXPECT_LT((s.problem.markers[m].T.p - s.true_markers[m].p).norm(), 1e-4);
+    }
+  }
+}
+
+// With noise the lens gets better, not exact, and what is held stays bit for bit what it was.
+TEST(BundleAdjuster, NoisyCornersImproveTheLens) {
+  Scenario s(22, 0.02, 20);
+  IntrinsicVector sigma = testing::lensSigma();
+  sigma[2] = sigma[3] = 0.0;  // the principal point is held
+  IntrinsicVector off = testing::staleLens();
+  off[2] = off[3] = 0.0;
+  s.disturbLens(off, sigma);
+  (void)adjustBundle(&s.problem, kToTheEnd);
+  const IntrinsicVector found = s.problem.lens->camera.intrinsics();
+  const IntrinsicVector error = found - s.camera.intrinsics();
+  EXPECT_LT(std::abs(error[0]), 0.2 * off[0]);
+  EXPECT_LT(std::abs(error[1]), 0.2 * off[1]);
+  EXPECT_LT(std::abs(error[4]), 0.5 * off[4]);
+  EXPECT_NEAR(found[2], s.problem.lens->expected[2], 1e-6);
+  EXPECT_NEAR(found[3], s.problem.lens->expected[3], 1e-6);
+  EXPECT_NEAR(found[8], 0.0, 1e-9) << "k3 has no sigma";
+}
+
+TEST(BundleAdjuster, WithALensReachesTheSameOptimumAsCeres) {
+  for (const unsigned seed : {23U, 24U}) {
+    Scenario s(seed, 0.3, 6, 2, 3);
+    s.disturbLens(testing::staleLens(), testing::lensSigma());
+    s.anchor(1, Vector6d::Constant(0.002), 0.001, 0.005);
+    testing::CeresBundle reference(s.problem, kToTheEnd.huber);
+    const double initial = reference.cost();
+    const double optimum = reference.solve();
+    const BundleSummary summary = adjustBundle(&s.problem, kToTheEnd);
+    EXPECT_NEAR(summary.initial_cost, initial, 1e-6 * initial);
+    EXPECT_NEAR(summary.final_cost, optimum, 1e-3 * optimum) << "seed " << seed;
+  }
+}
+
+// Anchors instead of a fixed camera: they fix the world, and what they say counts as they are sure.
+TEST(BundleAdjuster, AnchorsHoldTheWorld) {
+  Scenario s(25, 0.0);
+  s.problem.cameras[0].fixed = false;
+  for (const int marker : {0, 3, 8, 11}) s.anchor(marker, Vector6d::Zero(), 0.001, 0.005);
+  const BundleSummary summary = adjustBundle(&s.problem, kToTheEnd);
+  EXPECT_FALSE(summary.failed);
+  EXPECT_LT(summary.final_cost, 1e-6);
+  for (std::size_t m = 0; m < s.true_markers.size(); ++m) {
+    EXPECT_LT((s.problem.markers[m].T.p - s.true_markers[m].p).norm(), 1e-5);
+  }
+}
+
+TEST(BundleAdjuster, WithAnchorsReachesTheSameOptimumAsCeres) {
+  for (const unsigned seed : {26U, 27U}) {
+    Scenario s(seed, 0.3);
+    s.problem.cameras[0].fixed = false;
+    // Surveys that contradict each other and the corners by several sigmas.
+    std::normal_distribution<double> off(0.0, 0.005);
+    for (const int marker : {0, 3, 8, 11}) {
+      s.anchor(marker, Vector6d::NullaryExpr([&] { return off(s.rng); }), 0.001, 0.005);
+    }
+    const double optimum = testing::CeresBundle(s.problem, kToTheEnd.huber).solve();
+    const BundleSummary summary = adjustBundle(&s.problem, kToTheEnd);
+    EXPECT_NEAR(summary.final_cost, optimum, 1e-3 * optimum) << "seed " << seed;
+  }
+}
+
+// Given the cameras, the normalised squared error of a marker averages its 6 unknowns.
+TEST(BundleAdjuster, MarkerCovariancesAreHonest) {
+  double sum = 0.0;
+  int count = 0;
+  for (unsigned seed = 100; seed < 140; ++seed) {
+    Scenario s(seed, 0.2);
+    for (std::size_t c = 0; c < s.true_cameras.size(); ++c) {
+      s.problem.cameras[c] = {s.true_cameras[c], true};
+    }
+    BundleOptions options = kToTheEnd;
+    options.huber = 1e9;
+    BundleAdjuster adjuster(s.problem, options);
+    while (adjuster.step()) {
+    }
+    for (std::size_t m = 0; m < s.true_markers.size(); ++m) {
+      const Matrix6d covariance = adjuster.markerCovariance(static_cast<int>(m));
+      const Vector6d error = adjuster.problem().markers[m].T.localCoordinates(s.true_markers[m]);
+      sum += error.dot(covariance.ldlt().solve(error));
+      ++count;
+    }
+  }
+  // 480 markers: chi-square of 2880 degrees of freedom, whose deviation is 0.16 of the mean 6.
+  EXPECT_NEAR(sum / count, 6.0, 5 * 0.16);
 }
 
 TEST(BundleAdjuster, OutliersDoNotMoveTheMap) {
@@ -154,7 +170,7 @@ TEST(BundleAdjuster, WidensItsKernelToTheNoise) {
   const auto rmsAfter = [](bool estimate) {
     double squared = 0.0;
     int count = 0;
-    for (const int seed : {11, 12, 13}) {
+    for (const unsigned seed : {11U, 12U, 13U}) {
       Scenario s(seed, 0.5);
       for (auto& detection : s.detections) {
         for (auto& covariance : detection.covariance) covariance *= 1.0 / 400.0;
@@ -185,6 +201,17 @@ TEST(BundleAdjuster, DegenerateProblemsDoNoHarm) {
   const BundleSummary summary = adjustBundle(&lonely.problem, kToTheEnd);
   EXPECT_LT(summary.final_cost, summary.initial_cost);
   EXPECT_LT((lonely.problem.cameras.back().T.p - unseen.p).norm(), 1e-9);
+
+  Scenario one_view(9, 0.05, 1);  // a lens can hardly be told from one view: its priors hold it
+  one_view.disturbLens(testing::staleLens(), testing::lensSigma());
+  const BundleSummary lens_summary = adjustBundle(&one_view.problem, kToTheEnd);
+  EXPECT_LT(lens_summary.final_cost, lens_summary.initial_cost);
+  EXPECT_TRUE(one_view.problem.lens->camera.intrinsics().allFinite());
+  EXPECT_LT((one_view.problem.lens->camera.intrinsics() - one_view.problem.lens->expected)
+                .head<8>()
+                .cwiseQuotient(testing::lensSigma().head<8>())
+                .norm(),
+            5.0);
 
   Scenario floating(8, 0.05);  // no gauge
   floating.problem.cameras[0].fixed = false;

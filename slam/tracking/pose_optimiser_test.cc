@@ -1,11 +1,14 @@
 #include "slam/tracking/pose_optimiser.h"
 
+#include <limits>
 #include <random>
+#include <span>
 
 #include <Eigen/LU>
 #include <gtest/gtest.h>
 
 #include "slam/geometry/reprojection.h"
+#include "slam/testing/ceres_reference.h"
 #include "slam/testing/synthetic.h"
 
 namespace waymark::slam {
@@ -69,6 +72,34 @@ TEST_F(PoseOptimiserTest, FindsTheExactPoseFromExactCorners) {
   EXPECT_LT(rotationDistance(solution->T_w_c.R, truth_.R), 1e-7);
   EXPECT_EQ(solution->inliers, static_cast<int>(detections.size()));
   EXPECT_LT(solution->rms_px, 1e-4);
+}
+
+// Small kernel, so that many corners are beyond it; the covariances say twice the true noise, so
+// that the frame's own noise stays 1 and no marker is left out.
+TEST_F(PoseOptimiserTest, ReachesTheSameOptimumAsCeres) {
+  constexpr double kHuber = 0.6;
+  const PoseOptimiser optimiser(camera_.focalLength(), {.huber = kHuber, .marker_chi2 = 1e9});
+  for (int trial = 0; trial < 5; ++trial) {
+    auto detections = testing::observeAll(camera_, truth_, markers_, kSize, 0.2, &rng_);
+    BundleProblem problem;
+    problem.cameras = {{guess_, false}};
+    for (auto& detection : detections) {
+      for (auto& covariance : detection.covariance) covariance *= 4.0;
+      problem.observations.push_back({0, static_cast<int>(problem.markers.size()), &detection});
+      problem.markers.push_back({markers_[static_cast<std::size_t>(detection.id)].T_w_m, true});
+      problem.marker_sizes_m.push_back(kSize);
+    }
+    const auto solution = optimiser.optimise(known(detections), guess_);
+    ASSERT_TRUE(solution);
+    const double optimum = testing::CeresBundle(problem, kHuber).solve();
+    problem.cameras[0].T = solution->T_w_c;
+    const double ours = testing::CeresBundle(problem, kHuber).cost();
+    EXPECT_NEAR(ours, optimum, 1e-3 * optimum);
+    const double plain =
+        testing::CeresBundle(problem, std::numeric_limits<double>::infinity()).cost();
+    EXPECT_GT(plain, 1.02 * ours) << "the kernel has to matter here";
+    EXPECT_NEAR(solution->chi2, plain, 1e-6 * plain);
+  }
 }
 
 // The published covariance is honest: the normalised squared error averages 6 over many trials.

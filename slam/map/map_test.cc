@@ -1,0 +1,158 @@
+#include "slam/map/map.h"
+
+#include <random>
+
+#include <gtest/gtest.h>
+
+#include "slam/testing/scene.h"
+
+namespace waymark::slam {
+namespace {
+
+MarkerDetection seen(int id) {
+  MarkerDetection detection;
+  detection.id = id;
+  return detection;
+}
+
+// Keyframes 0, 1, 2 that see markers {1, 2}, {2, 3} and {4}.
+Map smallMap() {
+  Map map;
+  for (const int id : {1, 2, 3, 4}) map.addMarker(id, 0.1);
+  for (const auto& ids : {std::vector{2, 1}, std::vector{3, 2}, std::vector{4}}) {
+    Keyframe keyframe;
+    for (const int id : ids) keyframe.detections.push_back(seen(id));
+    (void)map.addKeyframe(std::move(keyframe));
+  }
+  return map;
+}
+
+std::vector<KeyframeId> viewsOf(const Map& map, int id) {
+  const auto views = map.viewsOf(id);
+  return {views.begin(), views.end()};
+}
+
+TEST(Map, KnowsWhoSeesWhat) {
+  const Map map = smallMap();
+  EXPECT_EQ(viewsOf(map, 1), (std::vector<KeyframeId>{0}));
+  EXPECT_EQ(viewsOf(map, 2), (std::vector<KeyframeId>{0, 1}));
+  EXPECT_TRUE(map.viewsOf(99).empty());
+  EXPECT_EQ(map.neighbours(0), (std::vector<KeyframeId>{0, 1}));
+  EXPECT_EQ(map.neighbours(2), (std::vector<KeyframeId>{2}));
+  const KeyframeId both[] = {1, 0};
+  EXPECT_EQ(map.markersSeenFrom(both), (std::vector<int>{1, 2, 3}));
+  const Keyframe& first = map.keyframes().at(0);
+  ASSERT_NE(first.find(2), nullptr) << "detections are sorted on the way in";
+  EXPECT_EQ(first.find(2)->id, 2);
+  EXPECT_EQ(first.find(3), nullptr);
+}
+
+TEST(Map, AKnownMarkerStaysAsItIs) {
+  Map map;
+  map.addMarker(7, 0.1).T_w_m = Transform{};
+  EXPECT_EQ(map.addMarker(7, 0.5).size_m, 0.1);
+  EXPECT_TRUE(map.find(7)->T_w_m);
+  EXPECT_EQ(map.find(8), nullptr);
+  map.addMarker(8, 0.1);
+  EXPECT_NE(map.find(8), nullptr);
+  EXPECT_EQ(map.findPosed(8), nullptr) << "known, but without a pose";
+}
+
+TEST(Map, KeyframeIdsEverGrow) {
+  Map map = smallMap();
+  map.removeKeyframe(2);
+  EXPECT_EQ(map.addKeyframe({}), 3) << "an id is not used again";
+  Keyframe from_file;
+  from_file.id = 10;
+  EXPECT_EQ(map.addKeyframe(from_file), 10);
+  from_file.id = 5;
+  EXPECT_EQ(map.addKeyframe(from_file), 11);
+}
+
+TEST(Map, RemovalsLeaveNoTrace) {
+  Map map = smallMap();
+  map.removeKeyframe(1);
+  EXPECT_EQ(map.keyframes().count(1), 0U);
+  EXPECT_EQ(viewsOf(map, 2), (std::vector<KeyframeId>{0}));
+  EXPECT_TRUE(map.viewsOf(3).empty());
+  EXPECT_EQ(map.neighbours(0), (std::vector<KeyframeId>{0}));
+
+  Map other = smallMap();
+  other.removeViews(2, other.viewsOf(2));  // the very list that shrinks
+  EXPECT_TRUE(other.viewsOf(2).empty());
+  EXPECT_EQ(other.keyframes().at(0).find(2), nullptr);
+  EXPECT_NE(other.keyframes().at(0).find(1), nullptr);
+  other.removeViews(4, other.viewsOf(4));
+  EXPECT_EQ(other.keyframes().count(2), 1U) << "a keyframe that sees nothing stays";
+  EXPECT_EQ(other.neighbours(2), (std::vector<KeyframeId>{2}));
+}
+
+TEST(Map, MoveWorldMovesEverything) {
+  std::mt19937 rng(1);
+  const auto anyPose = [&] { return testing::disturbed(Transform{}, 0.7, &rng); };
+  Map map = smallMap();
+  for (const auto& [id, keyframe] : map.keyframes()) map.keyframePose(id) = anyPose();
+  MapMarker& marker = map.marker(2);
+  marker.T_w_m = anyPose();
+  marker.other_T_w_m = anyPose();
+  marker.former_poses = {anyPose(), anyPose()};
+  // The covariance as the spread of six steps from the pose.
+  std::vector<Vector6d> steps;
+  for (int i = 0; i < 6; ++i) {
+    steps.push_back(Transform{}.localCoordinates(testing::disturbed(Transform{}, 0.05, &rng)));
+    marker.covariance += steps.back() * steps.back().transpose();
+  }
+  const Map before = map;
+  const Transform T_v_w = anyPose();
+  map.moveWorld(T_v_w);
+
+  const auto expectMoved = [&](const Transform& moved, const Transform& was) {
+    EXPECT_LT((moved.p - (T_v_w * was).p).norm(), 1e-12);
+    EXPECT_LT((moved.R - (T_v_w * was).R).norm(), 1e-12);
+  };
+  const MapMarker& was = *before.find(2);
+  expectMoved(*marker.T_w_m, *was.T_w_m);
+  expectMoved(*marker.other_T_w_m, *was.other_T_w_m);
+  ASSERT_EQ(marker.former_poses.size(), 2U);
+  for (std::size_t i = 0; i < 2; ++i) expectMoved(marker.former_poses[i], was.former_poses[i]);
+  for (const auto& [id, keyframe] : before.keyframes()) {
+    expectMoved(map.keyframes().at(id).T_w_c, keyframe.T_w_c);
+  }
+  Matrix6d spread = Matrix6d::Zero();
+  for (const Vector6d& step : steps) {
+    const Vector6d moved = marker.T_w_m->localCoordinates(T_v_w * was.T_w_m->retract(step));
+    spread += moved * moved.transpose();
+  }
+  EXPECT_LT((marker.covariance - spread).norm(), 1e-9 * spread.norm());
+  EXPECT_FALSE(map.find(1)->T_w_m) << "what has no pose gets none";
+}
+
+TEST(Map, UndistortAgainFollowsThePixels) {
+  std::mt19937 rng(2);
+  const CameraModel camera(testing::testCalibration());
+  const auto markers = testing::markerWall(1, 3, 0.5, &rng);
+  const Transform view = testing::lookAt({0.0, 0.5, 0.0}, {0.0, 3.0, 0.0});
+  Map map = testing::trueMap(camera, {&view, 1}, markers, 0.12, 0.1, &rng);
+  ASSERT_EQ(map.keyframes().at(0).detections.size(), 3U);
+
+  Calibration other = testing::testCalibration();
+  other.fx = 600.0;
+  other.distortion = {};
+  map.undistortAgain(CameraModel(other), 0.0);
+  for (const MarkerDetection& detection : map.keyframes().at(0).detections) {
+    for (std::size_t k = 0; k < 4; ++k) {
+      EXPECT_NEAR(detection.normalised[k].x(), (detection.pixels[k].x() - other.cx) / 600.0, 1e-9);
+    }
+  }
+
+  // A lens that ends before the outer two markers, which stand some 100 pixels from the middle.
+  other.distortion[0] = -12.0;
+  map.undistortAgain(CameraModel(other), 0.0);
+  EXPECT_NE(map.keyframes().at(0).find(1), nullptr);
+  EXPECT_EQ(map.keyframes().at(0).find(0), nullptr);
+  EXPECT_TRUE(map.viewsOf(0).empty());
+  EXPECT_TRUE(map.viewsOf(2).empty());
+}
+
+}  // namespace
+}  // namespace waymark::slam

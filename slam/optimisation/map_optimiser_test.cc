@@ -1,0 +1,196 @@
+#include "slam/optimisation/map_optimiser.h"
+
+#include <cmath>
+#include <random>
+
+#include <gtest/gtest.h>
+
+#include "slam/testing/scene.h"
+
+namespace waymark::slam {
+namespace {
+
+constexpr double kSize = 0.15;
+const BundleOptions kToTheEnd{.max_iterations = 100, .min_relative_decrease = 1e-10};
+
+// A walk along a wall of twelve markers: keyframes at its ends share none.
+class MapOptimiserTest : public ::testing::Test {
+ protected:
+  MapOptimiserTest() {
+    for (int i = 0; i < 12; ++i) {
+      const double x = 0.4 * i;
+      views_.push_back(
+          testing::lookAt({x, 0.3 * (i % 3), 0.2 * (i % 2)}, {x + 0.1 * (i % 2), 2.0, 0.0}));
+      std::uniform_real_distribution<double> u(-0.6, 0.6);
+      const Eigen::Vector3d centre(x, 2.0, 0.2 * u(rng_));
+      markers_.push_back(
+          {i, testing::markerFacing(centre, centre + Eigen::Vector3d(u(rng_), -1.0, u(rng_)))});
+    }
+    options_.size_m = kSize;
+  }
+
+  Map trueMap(double sigma_px) {
+    return testing::trueMap(camera_, views_, markers_, kSize, sigma_px, &rng_);
+  }
+
+  // Everything a little off, but the first keyframe.
+  void disturb(Map* map, double sigma = 0.01) {
+    for (const auto& [id, keyframe] : map->keyframes()) {
+      if (id > 0) map->keyframePose(id) = testing::disturbed(keyframe.T_w_c, sigma, &rng_);
+    }
+    for (const auto& [id, marker] : map->markers()) {
+      map->marker(id).T_w_m = testing::disturbed(*marker.T_w_m, sigma, &rng_);
+    }
+  }
+
+  [[nodiscard]] double largestError(const Map& map) const {
+    double largest = 0.0;
+    for (const auto& marker : markers_) {
+      const MapMarker* found = map.findPosed(marker.id);
+      if (found != nullptr) {
+        largest = std::max(largest, (found->T_w_m->p - marker.T_w_m.p).norm());
+      }
+    }
+    return largest;
+  }
+
+  std::mt19937 rng_{31};
+  CameraModel camera_{testing::testCalibration()};
+  std::vector<Transform> views_;
+  std::vector<testing::SyntheticMarker> markers_;
+  MarkerOptions options_;
+};
+
+bool same(const Transform& a, const Transform& b) { return a.p == b.p && a.R == b.R; }
+
+TEST_F(MapOptimiserTest, GloballyTheFirstKeyframeIsTheWorld) {
+  Map map = trueMap(0.0);
+  disturb(&map);
+  const Map before = map;
+  const BundleSummary summary = optimiseGlobally(&map, options_, kToTheEnd);
+  EXPECT_FALSE(summary.failed);
+  EXPECT_TRUE(same(map.keyframes().at(0).T_w_c, before.keyframes().at(0).T_w_c));
+  EXPECT_GT(largestError(before), 0.01);
+  EXPECT_LT(largestError(map), 1e-5);
+}
+
+TEST_F(MapOptimiserTest, GloballyTheOriginMarkerIsTheWorld) {
+  Map map = trueMap(0.0);
+  map.moveWorld(map.find(5)->T_w_m->inverse());
+  disturb(&map);
+  map.marker(5).T_w_m = Transform{};
+  options_.origin_marker = 5;
+  (void)optimiseGlobally(&map, options_, kToTheEnd);
+  EXPECT_TRUE(same(*map.find(5)->T_w_m, Transform{}));
+  EXPECT_FALSE(same(map.keyframes().at(0).T_w_c, views_[0]));
+  const Transform T_o_w = markers_[5].T_w_m.inverse();
+  for (const auto& marker : markers_) {
+    EXPECT_LT((map.find(marker.id)->T_w_m->p - (T_o_w * marker.T_w_m).p).norm(), 1e-5);
+  }
+}
+
+// The whole map was in a world a little off; the surveyed ends pull it into theirs.
+TEST_F(MapOptimiserTest, GloballyAnchorsPullTheMapIntoTheirWorld) {
+  Map map = trueMap(0.0);
+  map.moveWorld(testing::disturbed(Transform{}, 0.05, &rng_));
+  options_.anchors = {{0, markers_[0].T_w_m}, {11, markers_[11].T_w_m}};
+  ASSERT_GT(largestError(map), 0.05);
+  (void)optimiseGlobally(&map, options_, kToTheEnd);
+  EXPECT_LT(largestError(map), 1e-4);
+}
+
+// Of section 4.7: neighbours move, those that only share a neighbour's markers hold them, and what
+// is far away is not touched.
+TEST_F(MapOptimiserTest, LocallyWhatIsFarStaysBitIdentical) {
+  Map map = trueMap(0.0);
+  disturb(&map, 0.003);
+  const Map before = map;
+  const std::vector<KeyframeId> near = map.neighbours(11);
+  ASSERT_LT(near.size(), 8U);
+  (void)optimiseLocally(&map, 11, options_, kToTheEnd);
+  for (const auto& [id, keyframe] : map.keyframes()) {
+    const bool neighbour = std::find(near.begin(), near.end(), id) != near.end();
+    EXPECT_EQ(same(keyframe.T_w_c, before.keyframes().at(id).T_w_c), !neighbour) << id;
+  }
+  const std::vector<int> seen = map.markersSeenFrom(near);
+  for (const auto& [id, marker] : map.markers()) {
+    const bool moves = std::find(seen.begin(), seen.end(), id) != seen.end();
+    EXPECT_EQ(same(*marker.T_w_m, *before.find(id)->T_w_m), !moves) << id;
+  }
+}
+
+TEST_F(MapOptimiserTest, MarkersLearnHowWellTheyAreKnown) {
+  Map map = trueMap(0.1);
+  (void)optimiseGlobally(&map, options_, kToTheEnd);
+  for (const auto& [id, marker] : map.markers()) {
+    const double sigma_m = std::sqrt(marker.covariance.topLeftCorner<3, 3>().trace());
+    // A tenth of a pixel at 2 m is 0.4 mm sideways; in depth some 3 m * 0.1 / (100 pixels wide).
+    EXPECT_GT(sigma_m, 1e-4);
+    EXPECT_LT(sigma_m, 1e-2);
+  }
+}
+
+TEST_F(MapOptimiserTest, WithIntrinsicsTheLensAndTheCornersFollow) {
+  Map map = trueMap(0.02);
+  Calibration stale = camera_.calibration();
+  stale.fx += 4.0;
+  stale.fy += 4.0;
+  CameraModel lens(stale);
+  map.undistortAgain(lens, 0.0);
+  const double before = fitOf(map, 2.45).cost;
+  const BundleSummary summary =
+      optimiseGloballyWithIntrinsics(&map, options_, IntrinsicPriors{}, 0.0, kToTheEnd, &lens);
+  ASSERT_FALSE(summary.failed);
+  EXPECT_LT(std::abs(lens.calibration().fx - camera_.calibration().fx), 1.0);
+  EXPECT_LT(std::abs(lens.calibration().fy - camera_.calibration().fy), 1.0);
+  EXPECT_LT(fitOf(map, 2.45).cost, 0.5 * before);
+  const MarkerDetection& detection = map.keyframes().at(3).detections.front();
+  EXPECT_LT((lens.project({detection.normalised[0].x(), detection.normalised[0].y(), 1.0}).value() -
+             detection.pixels[0])
+                .norm(),
+            1e-6)
+      << "the corners are undistorted by the new lens";
+}
+
+TEST_F(MapOptimiserTest, FitTellsCostNoiseAndCorners) {
+  Map map = trueMap(0.0);
+  MapFit fit = fitOf(map, 2.45);
+  EXPECT_LT(fit.cost, 1e-9);
+  EXPECT_EQ(fit.noise, 1.0) << "never less than the covariances say";
+  int corners = 0;
+  for (const auto& [id, keyframe] : map.keyframes()) {
+    corners += 4 * static_cast<int>(keyframe.detections.size());
+  }
+  EXPECT_EQ(fit.corners, corners);
+  // Noise four times what the covariances say.
+  map = trueMap(0.2);
+  const Map honest = map;
+  for (const auto& [id, keyframe] : honest.keyframes()) {
+    Keyframe noisy = keyframe;
+    map.removeKeyframe(id);
+    for (auto& detection : noisy.detections) {
+      for (auto& covariance : detection.covariance) covariance /= 16.0;
+    }
+    (void)map.addKeyframe(noisy);
+  }
+  EXPECT_NEAR(fitOf(map, 2.45).noise, 4.0, 0.6);
+  map.marker(3).T_w_m->p.y() = -9.0;
+  EXPECT_TRUE(std::isinf(fitOf(map, 2.45).cost));
+}
+
+TEST_F(MapOptimiserTest, EmptyMapsDoNoHarm) {
+  Map empty;
+  EXPECT_EQ(optimiseGlobally(&empty, options_, kToTheEnd).final_cost, 0.0);
+  EXPECT_EQ(fitOf(empty, 2.45).corners, 0);
+  Map unposed;
+  unposed.addMarker(1, kSize);
+  MarkerDetection detection;
+  detection.id = 1;
+  (void)unposed.addKeyframe({-1, 0, 0, {}, {detection}});
+  EXPECT_EQ(optimiseGlobally(&unposed, options_, kToTheEnd).final_cost, 0.0);
+  EXPECT_EQ(optimiseLocally(&unposed, 0, options_, kToTheEnd).final_cost, 0.0);
+  EXPECT_FALSE(unposed.find(1)->T_w_m);
+}
+
+}  // namespace
+}  // namespace waymark::slam
