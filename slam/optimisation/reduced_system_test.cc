@@ -114,7 +114,7 @@ TEST(ReducedSystem, NothingToSolveIsSolved) {
   ReducedSystem lens_only(0, true);
   lens_only.addLens(2.0 * GlobalMatrix::Identity(), GlobalVector::Constant(4.0));
   ASSERT_TRUE(lens_only.solve());
-  EXPECT_LT((*lens_only.solve() - Eigen::VectorXd::Constant(9, 2.0)).norm(), 1e-12);
+  EXPECT_LT((*lens_only.solve() - Eigen::VectorXd::Constant(kGlobals, 2.0)).norm(), 1e-12);
 }
 
 }  // namespace
