@@ -1,0 +1,327 @@
+#include "slam/loop_closure/loop_closer.h"
+
+#include <algorithm>
+#include <numbers>
+#include <random>
+
+#include <gtest/gtest.h>
+
+#include "slam/marker_pose/square_pose.h"
+#include "slam/optimisation/map_optimiser.h"
+#include "slam/testing/scene.h"
+#include "slam/tracking/pose_optimiser.h"
+
+namespace waymark::slam {
+namespace {
+
+constexpr double kSize = 0.25;
+constexpr double kDegree = std::numbers::pi / 180.0;
+
+// Somebody turned round in a room up to a view that does not show the first markers again; then
+// comes the view that shows both ends.
+class LoopCloserTest : public ::testing::Test {
+ protected:
+  // Keyframes every 10 degrees from 0 to 330, which see one to three of the markers each.
+  Map openMap(int marker_count, double sigma_px) {
+    markers_ = testing::roomMarkers(marker_count, 2.5, &rng_);
+    options_.size_m = kSize;
+    views_ = testing::roomViews(0.0, 330.0 * kDegree, 34);
+    return testing::trueMap(camera_, views_, markers_, kSize, sigma_px, &rng_);
+  }
+
+  // Bends the map progressively along the keyframes, by `bend` at the last one; the first one
+  // stays.
+  static void bend(const Vector6d& whole_bend, Map* map) {
+    const double last = static_cast<double>(map->keyframes().rbegin()->first);
+    const auto bendAt = [&](double share) { return Transform{}.retract(share * whole_bend); };
+    for (const auto& [id, marker] : map->markers()) {
+      double share = 0.0;
+      const auto seen_by = map->viewsOf(id);
+      for (const KeyframeId view : seen_by) {
+        share += static_cast<double>(view) / last / static_cast<double>(seen_by.size());
+      }
+      map->marker(id).T_w_m = bendAt(share) * *marker.T_w_m;
+    }
+    for (const auto& [id, keyframe] : map->keyframes()) {
+      map->keyframePose(id) = bendAt(static_cast<double>(id) / last) * keyframe.T_w_c;
+    }
+  }
+
+  // What a view shows: as tracked by the markers of the last keyframes, and where the others
+  // ("loop markers": seen by none of the last three keyframes) say that it is.
+  LoopFrame loopFrame(const Map& map, const std::vector<MarkerDetection>& detections) {
+    LoopFrame loop;
+    loop.reference = map.keyframes().rbegin()->first;
+    std::vector<MarkerDetection> near, far;
+    for (const MarkerDetection& detection : detections) {
+      const auto seen_by = map.viewsOf(detection.id);
+      if (seen_by.empty()) continue;
+      (seen_by.back() + 3 > loop.reference ? near : far).push_back(detection);
+    }
+    EXPECT_FALSE(near.empty());
+    EXPECT_FALSE(far.empty());
+    const PoseOptimiser optimiser(camera_.focalLength());
+    loop.frame.detections = detections;
+    loop.frame.T_w_c =
+        optimiser.optimise(knownMarkers(map, near), map.keyframes().at(loop.reference).T_w_c)
+            ->T_w_c;
+    for (const MarkerDetection& detection : far) loop.loop_markers.push_back(detection.id);
+    if (far.size() == 1) {
+      const auto square = estimateSquarePose(far[0], kSize, camera_.focalLength());
+      for (const Transform& T_c_m : square->T_c_m) {
+        loop.expected.push_back(*map.find(far[0].id)->T_w_m * T_c_m.inverse());
+      }
+      if (square->unambiguous(3.0)) loop.expected.resize(1);
+    } else {
+      const auto known = knownMarkers(map, far);
+      const auto guess = map.keyframes().begin()->second.T_w_c;
+      loop.expected = {optimiser.optimise(known, guess)->T_w_c};
+    }
+    return loop;
+  }
+
+  std::vector<MarkerDetection> see(const Transform& T_w_c, double sigma_px) {
+    return testing::observeAll(camera_, T_w_c, markers_, kSize, sigma_px, &rng_);
+  }
+
+  // Largest errors of position, metres.
+  [[nodiscard]] double keyframeError(const Map& map) const {
+    double largest = 0.0;
+    for (std::size_t i = 0; i < views_.size(); ++i) {
+      const auto& T_w_c = map.keyframes().at(static_cast<KeyframeId>(i)).T_w_c;
+      largest = std::max(largest, (T_w_c.p - views_[i].p).norm());
+    }
+    return largest;
+  }
+  [[nodiscard]] double markerError(const Map& map) const {
+    double largest = 0.0;
+    for (const auto& marker : markers_) {
+      const MapMarker* found = map.findPosed(marker.id);
+      if (found == nullptr) continue;
+      largest = std::max(largest, (found->T_w_m->p - marker.T_w_m.p).norm());
+    }
+    return largest;
+  }
+
+  std::mt19937 rng_{61};
+  CameraModel camera_{testing::testCalibration()};
+  std::vector<testing::SyntheticMarker> markers_;
+  std::vector<Transform> views_;
+  MarkerOptions options_;
+  Vector6d drift_ = (Vector6d() << 0.25, -0.15, 0.1, 0.02, -0.03, 0.12).finished();
+};
+
+TEST_F(LoopCloserTest, TakesTheDriftOutOfABentMap) {
+  Map map = openMap(24, 0.05);
+  bend(drift_, &map);
+  const Map before = map;
+  ASSERT_GT(keyframeError(map), 0.2);
+  const LoopFrame loop = loopFrame(map, see(testing::roomView(345.0 * kDegree), 0.05));
+  const auto outcome = closeLoop(map, loop, options_, LoopOptions{});
+  ASSERT_TRUE(std::holds_alternative<ClosedLoop>(outcome));
+  const ClosedLoop& closed = std::get<ClosedLoop>(outcome);
+  EXPECT_LT(keyframeError(closed.map), 0.05 * keyframeError(map));
+  EXPECT_LT(markerError(closed.map), 0.05 * markerError(map));
+  EXPECT_LT(
+      (closed.map.keyframes().at(closed.keyframe).T_w_c.p - testing::roomView(345.0 * kDegree).p)
+          .norm(),
+      0.01);
+  // The world stays where it is, and the map given is not touched.
+  EXPECT_LT((closed.map.keyframes().at(0).T_w_c.p - views_[0].p).norm(), 1e-9);
+  EXPECT_LT(rotationDistance(closed.map.keyframes().at(0).T_w_c.R, views_[0].R), 1e-7);
+  EXPECT_EQ(map.keyframes().size() + 1, closed.map.keyframes().size());
+  EXPECT_EQ(keyframeError(map), keyframeError(before));
+}
+
+// The drift that noise itself makes, in a map that is as good as an open chain can be. The closing
+// frame's pose is then as good as a pose from the markers at the loop's beginning is.
+TEST_F(LoopCloserTest, TakesOutTheDriftThatNoiseMakes) {
+  double drift = 0.0;
+  double beginning = 0.0;
+  double after = 0.0;
+  constexpr int kTrials = 10;
+  for (int trial = 0; trial < kTrials; ++trial) {
+    Map map = openMap(14, 0.3);
+    (void)optimiseGlobally(&map, options_, {.max_iterations = 50});
+    const Transform view = testing::roomView(347.0 * kDegree);
+    const LoopFrame loop = loopFrame(map, see(view, 0.3));
+    const auto outcome = closeLoop(map, loop, options_, LoopOptions{});
+    const auto* closed = std::get_if<ClosedLoop>(&outcome);
+    ASSERT_TRUE(closed != nullptr) << "trial " << trial;
+    drift += (loop.frame.T_w_c.p - view.p).norm() / kTrials;
+    beginning += (loop.expected[0].p - view.p).norm() / kTrials;
+    after += (closed->map.keyframes().at(closed->keyframe).T_w_c.p - view.p).norm() / kTrials;
+    EXPECT_LT(fitOf(closed->map, 2.45).noise, 1.2) << "all views fit within their noise";
+  }
+  EXPECT_GT(drift, 0.2);
+  EXPECT_LT(after, 1.5 * beginning) << drift << " m before";
+  EXPECT_LT(after, 0.5 * drift);
+}
+
+// One ambiguous marker is all there is at the other end: two candidates, of which one fits.
+TEST_F(LoopCloserTest, OneAmbiguousMarkerClosesTheLoop) {
+  Map map = openMap(14, 0.1);
+  (void)optimiseGlobally(&map, options_, {.max_iterations = 50});
+  const Transform view = testing::roomView(347.0 * kDegree);
+  LoopFrame loop;
+  for (int trial = 0; trial < 200 && loop.expected.size() < 2; ++trial) {
+    loop = loopFrame(map, see(view, 0.4));
+    ASSERT_EQ(loop.loop_markers, (std::vector<int>{0}));
+  }
+  ASSERT_EQ(loop.expected.size(), 2U) << "the marker is not ambiguous";
+  for (int order = 0; order < 2; ++order) {  // whichever comes first
+    const auto outcome = closeLoop(map, loop, options_, LoopOptions{});
+    ASSERT_TRUE(std::holds_alternative<ClosedLoop>(outcome))
+        << "refusal " << static_cast<int>(std::get<LoopRefusal>(outcome));
+    const Map& closed = std::get<ClosedLoop>(outcome).map;
+    const Transform& T_w_c = closed.keyframes().rbegin()->second.T_w_c;
+    EXPECT_LT((T_w_c.p - view.p).norm(), (loop.frame.T_w_c.p - view.p).norm());
+    // Far from the wrong candidate's map: the two differ by several tenths of a radian.
+    const double apart = rotationDistance(loop.expected[0].R, loop.expected[1].R);
+    EXPECT_GT(apart, 0.2);
+    EXPECT_LT(rotationDistance(T_w_c.R, view.R), 0.4 * apart);
+    std::swap(loop.expected[0], loop.expected[1]);
+  }
+}
+
+// Two candidates that the optimisation leads to one and the same map do not contradict each other.
+TEST_F(LoopCloserTest, TwoWaysToTheSameMapAreNotAmbiguous) {
+  Map map = openMap(24, 0.05);
+  (void)optimiseGlobally(&map, options_, {.max_iterations = 50});
+  LoopFrame loop = loopFrame(map, see(testing::roomView(345.0 * kDegree), 0.05));
+  loop.expected.push_back(testing::disturbed(loop.expected[0], 0.05, &rng_));
+  EXPECT_TRUE(std::holds_alternative<ClosedLoop>(closeLoop(map, loop, options_, {})));
+}
+
+// The map has next to no drift; the "loop" is a marker that was carried 20 cm. To believe it would
+// bend a good map.
+TEST_F(LoopCloserTest, RefusesAMarkerThatMoved) {
+  Map map = openMap(24, 0.05);
+  (void)optimiseGlobally(&map, options_, {.max_iterations = 50});
+  ASSERT_LT(keyframeError(map), 0.05);
+  const Transform view = testing::roomView(345.0 * kDegree);
+  const auto honest = closeLoop(map, loopFrame(map, see(view, 0.05)), options_, {});
+  EXPECT_TRUE(std::holds_alternative<ClosedLoop>(honest));
+  markers_[0].T_w_m.p += Eigen::Vector3d(-0.05, -0.12, 0.15);
+  const LoopFrame loop = loopFrame(map, see(view, 0.05));
+  ASSERT_EQ(loop.loop_markers, (std::vector<int>{0}));
+  const auto moved = closeLoop(map, loop, options_, {});
+  ASSERT_TRUE(std::holds_alternative<LoopRefusal>(moved));
+  EXPECT_EQ(std::get<LoopRefusal>(moved), LoopRefusal::kContradicted);
+}
+
+// A second print of the first marker hangs on the opposite wall: the map would fold.
+TEST_F(LoopCloserTest, RefusesASecondPrint) {
+  Map map = openMap(24, 0.05);
+  markers_[0].T_w_m = testing::markerFacing({-2.4, 0.9, 0.3}, {0.0, 0.6, 0.1});
+  // Half way round; the keyframes after it are not there yet.
+  for (KeyframeId id = 17; id < 34; ++id) map.removeKeyframe(id);
+  const LoopFrame loop = loopFrame(map, see(testing::roomView(160.0 * kDegree), 0.05));
+  ASSERT_EQ(loop.loop_markers, (std::vector<int>{0}));
+  const auto outcome = closeLoop(map, loop, options_, LoopOptions{});
+  ASSERT_TRUE(std::holds_alternative<LoopRefusal>(outcome));
+}
+
+// Keyframes that see nothing any more (their markers are in quarantine) are no hindrance, and the
+// second hypothesis of a marker moves along with the first.
+TEST_F(LoopCloserTest, EmptyKeyframesAndSecondHypotheses) {
+  Map map = openMap(24, 0.05);
+  bend(drift_, &map);
+  (void)map.addKeyframe({-1, 0, 0, map.keyframes().at(33).T_w_c, {}});
+  const Transform flip{expSo3({0.4, 0.2, 0.0}), Eigen::Vector3d::Zero()};
+  map.marker(12).other_T_w_m = *map.find(12)->T_w_m * flip;
+  LoopFrame loop = loopFrame(map, see(testing::roomView(345.0 * kDegree), 0.05));
+  loop.reference = 33;
+  const auto outcome = closeLoop(map, loop, options_, LoopOptions{});
+  ASSERT_TRUE(std::holds_alternative<ClosedLoop>(outcome));
+  const Map& closed = std::get<ClosedLoop>(outcome).map;
+  EXPECT_LT(keyframeError(closed), 0.05 * keyframeError(map));
+  const MapMarker& marker = *closed.find(12);
+  // Only its orientation matters (which of the two has the evidence found?); the optimisation after
+  // Eq. 40 does not move it.
+  EXPECT_LT(rotationDistance(marker.other_T_w_m->R, (*marker.T_w_m * flip).R), 0.1);
+}
+
+// How many edges lead from one pose of the graph to another; -1 when none do.
+int edgesBetween(const PoseGraph& graph, int from, int to) {
+  std::vector<int> distance(graph.poses.size(), -1);
+  distance[static_cast<std::size_t>(from)] = 0;
+  for (std::size_t round = 0; round < graph.poses.size(); ++round) {
+    for (const auto& edge : graph.edges) {
+      const auto relax = [&](int a, int b) {
+        const int d = distance[static_cast<std::size_t>(a)];
+        int& other = distance[static_cast<std::size_t>(b)];
+        if (d >= 0 && (other < 0 || other > d + 1)) other = d + 1;
+      };
+      relax(edge.a, edge.b);
+      relax(edge.b, edge.a);
+    }
+  }
+  return distance[static_cast<std::size_t>(to)];
+}
+
+TEST_F(LoopCloserTest, TheGraphSpansTheMap) {
+  Map map = openMap(24, 0.05);
+  map.removeKeyframe(5);  // ids have gaps
+  (void)map.addKeyframe({});
+  for (const int edges_per_keyframe : {0, 4}) {
+    std::vector<KeyframeId> ids = {99};
+    const PoseGraph graph = covisibilityGraph(map, edges_per_keyframe, &ids);
+    ASSERT_EQ(ids.size(), map.keyframes().size());
+    ASSERT_EQ(graph.poses.size(), ids.size());
+    const int connected = static_cast<int>(ids.size()) - 1;
+    for (int i = 1; i < connected; ++i) EXPECT_GE(edgesBetween(graph, 0, i), 1);
+    EXPECT_EQ(edgesBetween(graph, 0, connected), -1) << "sees nothing";
+    if (edges_per_keyframe == 0) {
+      EXPECT_EQ(static_cast<int>(graph.edges.size()), connected - 1) << "a tree";
+    }
+    for (const auto& edge : graph.edges) {
+      const auto a = static_cast<std::size_t>(edge.a);
+      const auto b = static_cast<std::size_t>(edge.b);
+      EXPECT_LT(edgeError(graph.poses[a], graph.poses[b], edge.T_a_b, 1.0).norm(), 1e-9);
+      int shared = 0;
+      for (const auto& detection : map.keyframes().at(ids[a]).detections) {
+        if (map.keyframes().at(ids[b]).find(detection.id) != nullptr) ++shared;
+      }
+      EXPECT_EQ(edge.weight, shared);
+    }
+  }
+}
+
+TEST_F(LoopCloserTest, TheGraphKeepsClosedLoops) {
+  (void)openMap(24, 0.05);
+  const auto round = testing::roomViews(0.0, 350.0 * kDegree, 36);
+  const Map map = testing::trueMap(camera_, round, markers_, kSize, 0.05, &rng_);
+  std::vector<KeyframeId> ids;
+  const PoseGraph graph = covisibilityGraph(map, 4, &ids);
+  // A tree is cut somewhere: two neighbours are then most of the round apart.
+  for (int i = 0; i < 36; ++i) {
+    EXPECT_LE(edgesBetween(graph, i, (i + 1) % 36), 3) << "from keyframe " << i;
+  }
+}
+
+TEST(MeanRotation, IsTheChordalMean) {
+  std::mt19937 rng(62);
+  std::vector<Eigen::Matrix3d> rotations;
+  const Eigen::Matrix3d middle = expSo3({3.0, 0.3, -0.4});  // where quaternions change their sign
+  for (int i = 0; i < 7; ++i) {
+    rotations.push_back(testing::disturbed({middle, {}}, 0.2, &rng).R);
+  }
+  const auto cost = [&](const Eigen::Matrix3d& R) {
+    double sum = 0.0;
+    for (const auto& other : rotations) sum += (R - other).squaredNorm();
+    return sum;
+  };
+  const Eigen::Matrix3d mean = meanRotation(rotations);
+  EXPECT_NEAR(mean.determinant(), 1.0, 1e-12);
+  for (int i = 0; i < 100; ++i) {
+    EXPECT_LT(cost(mean), cost(testing::disturbed({mean, {}}, 0.01, &rng).R));
+  }
+  const Eigen::Matrix3d pair[] = {middle * expSo3({0.1, 0.0, 0.2}),
+                                  middle * expSo3({-0.1, 0, -0.2})};
+  EXPECT_LT(rotationDistance(meanRotation(pair), middle), 1e-7);
+  EXPECT_LT(rotationDistance(meanRotation({pair, 1}), pair[0]), 1e-7);
+}
+
+}  // namespace
+}  // namespace waymark::slam
