@@ -21,8 +21,10 @@ std::optional<io::MarkerCorners> markerCorners(const marker_t& m) {
       !(std::abs(q.norm() - 1.0) < kOffUnit)) {
     return std::nullopt;
   }
-  const slam::MapMarker marker{m.id, m.size, slam::Transform::fromQuaternion(q, p)};
-  return io::MarkerCorners{marker.id, marker.size_m, marker.cornersInWorld()};
+  const slam::Transform T_w_m = slam::Transform::fromQuaternion(q, p);
+  io::MarkerCorners marker{m.id, m.size, slam::markerCorners(m.size)};
+  for (Eigen::Vector3d& corner : marker.corners) corner = T_w_m * corner;
+  return marker;
 }
 
 }  // namespace
