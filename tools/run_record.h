@@ -22,6 +22,9 @@ class RunRecord {
  public:
   void add(std::int64_t time_ns, const slam::FrameResult& result);
 
+  // The lens turned out to be another one. A marker it cannot have seen leaves its frame.
+  void undistortAgain(const slam::CameraModel& camera);
+
   [[nodiscard]] std::size_t frames() const { return frames_.size(); }
   [[nodiscard]] std::size_t localized() const { return localized_; }
   [[nodiscard]] double localizedPercent() const;
