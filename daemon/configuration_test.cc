@@ -38,6 +38,19 @@ std::string uncommented(const std::string& text) {
   return std::regex_replace(text, std::regex("(^|\n)# (?!calibration)([a-z_.0-9]+ = )"), "$1$2");
 }
 
+TEST(Configuration, TheMapAcrossRestarts) {
+  const auto c = parseConfiguration(kCamera + kSlam + "map_in = \"m.json\"\nlocalize_only = true\n",
+                                    "/etc/w.toml");
+  ASSERT_TRUE(c) << c.error().message;
+  EXPECT_EQ(c->slam.map.in, "/etc/m.json");
+  EXPECT_TRUE(c->slam.map.localise_only);
+  EXPECT_FALSE(c->slam.options.mapping);
+  EXPECT_EQ(errorOf(kCamera + kSlam + "localize_only = true\n"),
+            "/etc/w.toml: slam.localize_only: needs slam.map_in");
+  EXPECT_EQ(errorOf(kCamera + kSlam + "localize_only = true\nmap_in = 'a'\nmap_out = 'a'\n"),
+            "/etc/w.toml: slam.map_out: with localize_only nothing changes");
+}
+
 // What `waymark run --config` gets of the same file.
 TEST(Configuration, TheSlamSectionReadsTheSameAlone) {
   const Result<io::SlamSettings> slam = io::readSlamSettings(WAYMARK_EXAMPLE_CONFIGURATION);
@@ -64,17 +77,17 @@ TEST(Configuration, TheExampleWithEverythingUncommentedChangesNoDefault) {
   EXPECT_EQ(o.detector.edges.fit.min_contrast, e.detector.edges.fit.min_contrast);
   EXPECT_EQ(o.detector.decoder.max_wrong_bits, e.detector.decoder.max_wrong_bits);
   EXPECT_EQ(o.initialisation.ambiguity_ratio, e.initialisation.ambiguity_ratio);
-  EXPECT_EQ(o.tracking.marker_chi2, e.tracking.marker_chi2);
-  EXPECT_EQ(o.tracking.worst_rms_px, e.tracking.worst_rms_px);
-  EXPECT_EQ(o.motion.max_extrapolation_s, e.motion.max_extrapolation_s);
-  EXPECT_EQ(o.keyframes.min_baseline_m, e.keyframes.min_baseline_m);
-  EXPECT_EQ(o.keyframes.min_baseline_per_depth, e.keyframes.min_baseline_per_depth);
-  EXPECT_EQ(o.keyframes.min_rotation_rad, e.keyframes.min_rotation_rad);
-  EXPECT_EQ(o.keyframes.views_per_marker, e.keyframes.views_per_marker);
-  EXPECT_EQ(o.marker_pose.min_views, e.marker_pose.min_views);
-  EXPECT_EQ(o.marker_pose.ambiguity_ratio, e.marker_pose.ambiguity_ratio);
-  EXPECT_EQ(o.relocalisation.ambiguity_ratio, e.relocalisation.ambiguity_ratio);
-  EXPECT_EQ(o.local_optimisation.max_iterations, e.local_optimisation.max_iterations);
+  EXPECT_EQ(o.tracking.pose.marker_chi2, e.tracking.pose.marker_chi2);
+  EXPECT_EQ(o.tracking.pose.worst_rms_px, e.tracking.pose.worst_rms_px);
+  EXPECT_EQ(o.tracking.motion.max_extrapolation_s, e.tracking.motion.max_extrapolation_s);
+  EXPECT_EQ(o.mapper.keyframes.min_baseline_m, e.mapper.keyframes.min_baseline_m);
+  EXPECT_EQ(o.mapper.keyframes.min_baseline_per_depth, e.mapper.keyframes.min_baseline_per_depth);
+  EXPECT_EQ(o.mapper.keyframes.min_rotation_rad, e.mapper.keyframes.min_rotation_rad);
+  EXPECT_EQ(o.mapper.keyframes.views_per_marker, e.mapper.keyframes.views_per_marker);
+  EXPECT_EQ(o.mapper.marker_pose.min_views, e.mapper.marker_pose.min_views);
+  EXPECT_EQ(o.mapper.marker_pose.ambiguity_ratio, e.mapper.marker_pose.ambiguity_ratio);
+  EXPECT_EQ(o.tracking.relocalisation.ambiguity_ratio, e.tracking.relocalisation.ambiguity_ratio);
+  EXPECT_EQ(o.mapper.local_optimisation.max_iterations, e.mapper.local_optimisation.max_iterations);
   EXPECT_EQ(c->queue.depth, d.queue.depth);
   EXPECT_EQ(c->publish.url, d.publish.url);
   EXPECT_EQ(c->publish.channel_prefix, d.publish.channel_prefix);
