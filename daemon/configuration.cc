@@ -72,6 +72,13 @@ Status checkTogether(const Configuration& c, const fs::path& file) {
   if (const std::string reason = c.slam.options.invalidReason(); !reason.empty()) {
     return Error{file.string() + ": slam: " + reason};
   }
+  const io::MapSettings& map = c.slam.map;
+  if (map.localise_only && map.in.empty()) {
+    return Error{file.string() + ": slam.localize_only: needs slam.map_in"};
+  }
+  if (map.localise_only && !map.out.empty()) {
+    return Error{file.string() + ": slam.map_out: with localize_only nothing changes"};
+  }
   return success();
 }
 
@@ -82,6 +89,8 @@ void resolvePaths(const fs::path& file, Configuration& c) {
   };
   resolve(c.camera.calibration);
   resolve(c.camera.simulator.truth_dir);
+  resolve(c.slam.map.in);
+  resolve(c.slam.map.out);
   const std::string_view source = c.camera.source;
   const bool has_scheme = source.substr(0, source.find('/')).find(':') != source.npos;
   if (!has_scheme) c.camera.source = io::besideFile(file, c.camera.source).string();
@@ -97,6 +106,7 @@ Result<Configuration> parseConfiguration(const std::string& text, const fs::path
   if (const Status together = checkTogether(configuration, file); !together) {
     return together.error();
   }
+  configuration.slam.options.mapping = !configuration.slam.map.localise_only;
   resolvePaths(file, configuration);
   return configuration;
 }

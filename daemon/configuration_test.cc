@@ -38,6 +38,19 @@ std::string uncommented(const std::string& text) {
   return std::regex_replace(text, std::regex("(^|\n)# (?!calibration)([a-z_.0-9]+ = )"), "$1$2");
 }
 
+TEST(Configuration, TheMapAcrossRestarts) {
+  const auto c = parseConfiguration(kCamera + kSlam + "map_in = \"m.json\"\nlocalize_only = true\n",
+                                    "/etc/w.toml");
+  ASSERT_TRUE(c) << c.error().message;
+  EXPECT_EQ(c->slam.map.in, "/etc/m.json");
+  EXPECT_TRUE(c->slam.map.localise_only);
+  EXPECT_FALSE(c->slam.options.mapping);
+  EXPECT_EQ(errorOf(kCamera + kSlam + "localize_only = true\n"),
+            "/etc/w.toml: slam.localize_only: needs slam.map_in");
+  EXPECT_EQ(errorOf(kCamera + kSlam + "localize_only = true\nmap_in = 'a'\nmap_out = 'a'\n"),
+            "/etc/w.toml: slam.map_out: with localize_only nothing changes");
+}
+
 // What `waymark run --config` gets of the same file.
 TEST(Configuration, TheSlamSectionReadsTheSameAlone) {
   const Result<io::SlamSettings> slam = io::readSlamSettings(WAYMARK_EXAMPLE_CONFIGURATION);

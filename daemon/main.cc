@@ -9,6 +9,7 @@
 #include <cstdlib>
 #include <string>
 #include <thread>
+#include <utility>
 
 #include <CLI/CLI.hpp>
 #include <opencv2/core/utility.hpp>
@@ -18,6 +19,7 @@
 #include "daemon/capture_loop.h"
 #include "daemon/configuration.h"
 #include "daemon/log.h"
+#include "daemon/map_keeper.h"
 #include "daemon/publisher.h"
 #include "daemon/slam_loop.h"
 #include "daemon/stop_signal.h"
@@ -26,7 +28,7 @@
 namespace waymark::daemon {
 namespace {
 
-enum ExitCode { kDone = 0, kBadInput = 2 };
+enum ExitCode { kDone = 0, kFault = 1, kBadInput = 2 };
 
 // A thread with a name that top and gdb show.
 template <typename Loop>
@@ -42,14 +44,16 @@ SlamLoop::Options slamLoopOptions(double rate_hz) {
   return options;
 }
 
-int runDaemon(const Configuration& configuration, const CameraSetup& camera, const Log& log) {
+int runDaemon(const Configuration& configuration, const CameraSetup& camera, StartMap start,
+              const Log& log) {
   StopSignal stop;       // first: threads inherit what it blocks
   cv::setNumThreads(1);  // the SLAM loop is one thread, and it does not wait for others
   CameraStatus camera_status;
   FrameQueue frames(static_cast<std::size_t>(configuration.queue.depth));
   slam::Slam slam(slam::CameraModel(camera.calibration),
                   *slam::Dictionary::byName(configuration.slam.dictionary),
-                  configuration.slam.options);
+                  configuration.slam.options, std::move(start.map));
+  for (const std::string& note : start.notes) log.info(note);
   SlamOutput output;
 
   CaptureLoop capture_loop(camera.opener, frames, camera_status, log);
@@ -73,13 +77,19 @@ int runDaemon(const Configuration& configuration, const CameraSetup& camera, con
   slam_thread.join();
   publisher_thread.join();
 
+  const Result<std::string> saved = saveMap(configuration.slam, slam);
+  if (!saved) {
+    log.error(saved.error().message);
+  } else if (!saved->empty()) {
+    log.info(*saved);
+  }
   if (capture_loop.failure()) {
     log.error(capture_loop.failure()->message);
     return kBadInput;
   }
   log.info("stopped after " + std::to_string(slam.counters().frames) + " frames, " +
            std::to_string(slam.counters().localized) + " of them localised");
-  return kDone;
+  return saved ? kDone : kFault;
 }
 
 int run(const std::string& configuration_file, bool check_only) {
@@ -95,7 +105,13 @@ int run(const std::string& configuration_file, bool check_only) {
     log.error(camera.error().message);
     return kBadInput;
   }
-  return check_only ? kDone : runDaemon(*configuration, *camera, log);
+  Result<StartMap> start = readStartMap(configuration->slam, camera->calibration);
+  if (!start) {
+    log.error(start.error().message);
+    return kBadInput;
+  }
+  if (check_only) return kDone;
+  return runDaemon(*configuration, *camera, std::move(start).value(), log);
 }
 
 }  // namespace

@@ -161,7 +161,7 @@ Result<slam::Calibration> readCalibration(const std::filesystem::path& path) {
   }
 }
 
-Status writeCalibration(const std::filesystem::path& path, const slam::Calibration& calibration) {
+std::string formatCalibration(const slam::Calibration& calibration) {
   const slam::Calibration& c = calibration;
   const bool fisheye = c.model == slam::DistortionModel::kEquidistant;
   const bool rational =
@@ -183,8 +183,11 @@ Status writeCalibration(const std::filesystem::path& path, const slam::Calibrati
     if (i > 0) text += ", ";
     text += roundTrip(c.distortion[static_cast<std::size_t>(i)]);
   }
-  text += " ]\n";
-  return writeTextFile(path, text);
+  return text + " ]\n";
+}
+
+Status writeCalibration(const std::filesystem::path& path, const slam::Calibration& calibration) {
+  return writeTextFile(path, formatCalibration(calibration));
 }
 
 }  // namespace waymark::io

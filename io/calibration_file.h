@@ -2,6 +2,7 @@
 #pragma once
 
 #include <filesystem>
+#include <string>
 
 #include "base/result.h"
 #include "slam/geometry/camera_model.h"
@@ -15,6 +16,7 @@ namespace waymark::io {
 [[nodiscard]] Result<slam::Calibration> readCalibration(const std::filesystem::path& path);
 
 // Reads back bit for bit. Precondition: calibration.invalidReason() is empty.
+[[nodiscard]] std::string formatCalibration(const slam::Calibration& calibration);
 [[nodiscard]] Status writeCalibration(const std::filesystem::path& path,
                                       const slam::Calibration& calibration);
 

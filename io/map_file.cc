@@ -1,41 +1,81 @@
 #include "io/map_file.h"
 
 #include <algorithm>
-#include <cmath>
-#include <optional>
+#include <array>
+#include <cstdint>
+#include <limits>
+#include <span>
+#include <string_view>
+#include <utility>
+#include <vector>
 
-#include <nlohmann/json.hpp>
-
-#include "io/number_text.h"
+#include "io/json_node.h"
+#include "io/slam_settings.h"
 #include "io/text_file.h"
+#include "slam/detection/dictionary.h"
 
 namespace waymark::io {
 namespace {
 
-// Keeps the order of insertion, so that the text is the one written below.
-using Json = nlohmann::ordered_json;
+using slam::MarkerState;
 
 constexpr std::string_view kFormat = "waymark-map";
 constexpr int kVersion = 1;
+constexpr std::int64_t kLargestInteger = std::numeric_limits<std::int64_t>::max();
+constexpr std::array<std::pair<std::string_view, MarkerState>, 4> kStates = {{
+    {"unresolved", MarkerState::kUnresolved},
+    {"mapped", MarkerState::kMapped},
+    {"quarantined", MarkerState::kQuarantined},
+    {"refused", MarkerState::kRefused},
+}};
 
-Json toJson(const Eigen::Vector3d& v) { return Json::array({v.x(), v.y(), v.z()}); }
-Json toJson(const Eigen::Vector2d& v) { return Json::array({v.x(), v.y()}); }
-Json toJson(const Eigen::Matrix2d& symmetric) {
-  return Json::array({symmetric(0, 0), symmetric(0, 1), symmetric(1, 1)});
+std::string_view nameOf(MarkerState state) {
+  for (const auto& [name, value] : kStates) {
+    if (value == state) return name;
+  }
+  return {};
 }
-Json toJson(const slam::Transform& T) {
-  const Eigen::Quaterniond q = T.quaternion();
-  return {{"p", toJson(T.p)}, {"q", Json::array({q.w(), q.x(), q.y(), q.z()})}};
+
+// FNV-1a, 64 bits, over all of the text but the line of the checksum itself.
+std::string checksum(std::string_view before, std::string_view after) {
+  std::uint64_t hash = 0xcbf29ce484222325U;
+  for (const std::string_view part : {before, after}) {
+    for (const char c : part) {
+      hash ^= static_cast<unsigned char>(c);
+      hash *= 0x100000001b3U;
+    }
+  }
+  constexpr std::string_view kDigits = "0123456789abcdef";
+  std::string text = "fnv1a64:";
+  for (int shift = 60; shift >= 0; shift -= 4) text += kDigits[(hash >> shift) & 0xfU];
+  return text;
+}
+
+std::string checksumLine(const std::string& value) { return jsonField("checksum", value); }
+
+// Writing.
+
+Json matrixJson(const Eigen::Matrix2d& symmetric) {
+  return Json::array({symmetric(0, 0), symmetric(0, 1), symmetric(1, 1)});
 }
 
 template <typename T>
-Json toJson(const std::array<T, 4>& corners) {
+Json listOfFour(const std::array<T, 4>& corners) {
   Json list = Json::array();
   for (const T& corner : corners) list.push_back(toJson(corner));
   return list;
 }
 
-Json toJson(const slam::Calibration& c) {
+// The upper triangle, row by row.
+Json covarianceJson(const slam::Matrix6d& symmetric) {
+  Json list = Json::array();
+  for (Eigen::Index row = 0; row < 6; ++row) {
+    for (Eigen::Index column = row; column < 6; ++column) list.push_back(symmetric(row, column));
+  }
+  return list;
+}
+
+Json cameraJson(const slam::Calibration& c) {
   const bool fisheye = c.model == slam::DistortionModel::kEquidistant;
   return {{"width", c.width},
           {"height", c.height},
@@ -47,22 +87,35 @@ Json toJson(const slam::Calibration& c) {
           {"distortion", c.distortion}};
 }
 
-Json toJson(const slam::MapMarker& marker, const std::string& dictionary) {
+Json markerJson(const slam::MapMarker& marker, const std::string& dictionary) {
   Json json = {{"dictionary", dictionary}, {"id", marker.id}, {"size", marker.size_m}};
   if (marker.T_w_m) {
+    slam::MapMarker read = marker;  // its corners must be those of the pose that is read back
+    read.T_w_m = asRead(*marker.T_w_m);
     json["T_w_m"] = toJson(*marker.T_w_m);
-    json["corners"] = toJson(marker.cornersInWorld());
+    json["corners"] = listOfFour(read.cornersInWorld());
+  }
+  json["state"] = nameOf(marker.state);
+  if (marker.other_T_w_m) json["other_T_w_m"] = toJson(*marker.other_T_w_m);
+  if (!marker.covariance.isZero(0.0)) json["covariance"] = covarianceJson(marker.covariance);
+  if (!marker.former_poses.empty()) {
+    json["former_poses"] = Json::array();
+    for (const slam::Transform& T : marker.former_poses) json["former_poses"].push_back(toJson(T));
   }
   return json;
 }
 
-Json toJson(const slam::Keyframe& keyframe) {
+Json keyframeJson(const slam::Keyframe& keyframe) {
   Json detections = Json::array();
   for (const slam::MarkerDetection& detection : keyframe.detections) {
+    Json covariances = Json::array();
+    for (const Eigen::Matrix2d& covariance : detection.covariance) {
+      covariances.push_back(matrixJson(covariance));
+    }
     detections.push_back({{"id", detection.id},
                           {"hamming", detection.hamming},
-                          {"pixels", toJson(detection.pixels)},
-                          {"normalised_covariance", toJson(detection.covariance)}});
+                          {"pixels", listOfFour(detection.pixels)},
+                          {"normalised_covariance", std::move(covariances)}});
   }
   return {{"index", keyframe.id},
           {"sequence", keyframe.sequence},
@@ -71,130 +124,254 @@ Json toJson(const slam::Keyframe& keyframe) {
           {"detections", std::move(detections)}};
 }
 
-// `"key":[` and one element a line: readable, and differences between two maps stay local.
-std::string listText(std::string_view key, const std::vector<Json>& elements) {
-  std::string text = "\"" + std::string(key) + "\":[";
-  for (std::size_t i = 0; i < elements.size(); ++i) {
-    text += (i == 0 ? "\n" : ",\n") + elements[i].dump();
+// Reading.
+
+slam::Calibration readCamera(const JsonNode& node) {
+  constexpr int kLargestImage = 1'000'000;
+  slam::Calibration c;
+  c.width = static_cast<int>(node.at("width").integer(1, kLargestImage));
+  c.height = static_cast<int>(node.at("height").integer(1, kLargestImage));
+  c.fx = node.at("fx").number();
+  c.fy = node.at("fy").number();
+  c.cx = node.at("cx").number();
+  c.cy = node.at("cy").number();
+  const std::string model = node.at("distortion_model").text();
+  if (model == "equidistant") {
+    c.model = slam::DistortionModel::kEquidistant;
+  } else if (model != "rational_polynomial") {
+    node.at("distortion_model").fail("must be \"rational_polynomial\" or \"equidistant\"");
   }
-  return text + (elements.empty() ? "]" : "\n]");
+  const std::vector<double> distortion = node.at("distortion").numbers(c.distortion.size());
+  std::copy(distortion.begin(), distortion.end(), c.distortion.begin());
+  if (const std::string reason = c.invalidReason(); node.good() && !reason.empty()) {
+    node.fail(reason);
+  }
+  return c;
 }
 
-std::string field(std::string_view key, const Json& value) {
-  return "\"" + std::string(key) + "\":" + value.dump() + ",\n";
+MarkerState readState(const JsonNode& node) {
+  const std::string name = node.text();
+  for (const auto& [known, state] : kStates) {
+    if (name == known) return state;
+  }
+  node.fail("must be \"mapped\", \"unresolved\", \"quarantined\" or \"refused\"");
+  return MarkerState::kUnresolved;
 }
 
-// The reading side: an optional, and on failure a reason that says which key.
-std::optional<double> number(const Json& object, const char* key, std::string* fault) {
-  const auto found = object.find(key);
-  if (found == object.end() || !found->is_number() || !std::isfinite(found->get<double>())) {
-    *fault = std::string("\"") + key + "\" must be a number";
-    return std::nullopt;
+slam::Matrix6d readCovariance(const JsonNode& node) {
+  const std::vector<double> upper = node.numbers(21);
+  slam::Matrix6d covariance;
+  std::size_t i = 0;
+  for (Eigen::Index row = 0; row < 6; ++row) {
+    for (Eigen::Index column = row; column < 6; ++column) {
+      covariance(row, column) = covariance(column, row) = upper[i++];
+    }
+    if (covariance(row, row) < 0.0) node.fail("must not have a negative variance");
   }
-  return found->get<double>();
+  return covariance;
 }
 
-std::optional<Eigen::Vector3d> point(const Json& json) {
-  if (!json.is_array() || json.size() != 3) return std::nullopt;
-  Eigen::Vector3d p;
-  for (std::size_t i = 0; i < 3; ++i) {
-    if (!json[i].is_number()) return std::nullopt;
-    p[static_cast<Eigen::Index>(i)] = json[i].get<double>();
+// Corners are for other programs; two truths about one marker are refused, though.
+void checkCorners(const JsonNode& node, const slam::MapMarker& marker) {
+  constexpr double kRounding_m = 1e-6;
+  const std::vector<JsonNode> corners = node.elements(4);
+  if (!node.good()) return;
+  const auto expected = marker.cornersInWorld();
+  for (std::size_t k = 0; k < 4; ++k) {
+    const Eigen::Vector3d corner = corners[k].point3();
+    if (node.good() && !((corner - expected[k]).norm() < kRounding_m)) {
+      node.fail("are not where T_w_m and size put them; mend or leave out");
+    }
   }
-  if (!p.allFinite()) return std::nullopt;
-  return p;
 }
 
-std::optional<MarkerCorners> markerCorners(const Json& json, std::string* fault) {
-  MarkerCorners marker;
-  const auto id = json.find("id");
-  if (id == json.end() || !id->is_number_integer() || id->get<std::int64_t>() < 0 ||
-      id->get<std::int64_t>() > 1'000'000) {
-    *fault = "\"id\" must be a whole number from 0 on";
-    return std::nullopt;
+// Reads one file into one map.
+class MapReader {
+ public:
+  explicit MapReader(const JsonNode& root) : root_(root) {}
+
+  MapFile read() {
+    MapFile file;
+    readDictionary(&file.map);
+    if (root_.has("camera") && !root_.at("camera").json().is_null()) {
+      file.camera = readCamera(root_.at("camera"));
+    }
+    for (const char* list : {"markers", "unposed_markers"}) {
+      for (const JsonNode& node : root_.at(list).elements()) {
+        readMarker(node, std::string_view(list) == "markers", &file.map);
+        if (!root_.good()) return file;
+      }
+    }
+    const std::vector<JsonNode> keyframes = root_.at("keyframes").elements();
+    if (!keyframes.empty() && !file.camera) root_.at("camera").fail("must be there: keyframes are");
+    if (!root_.good() || !file.camera) return file;
+    const slam::CameraModel camera(*file.camera);
+    for (const JsonNode& node : keyframes) {
+      readKeyframe(node, camera, &file.map);
+      if (!root_.good()) return file;
+    }
+    return file;
   }
-  marker.id = id->get<int>();
-  const std::optional<double> size = number(json, "size", fault);
-  if (!size) return std::nullopt;
-  if (*size <= 0.0) return *fault = "\"size\" must be positive", std::nullopt;
-  marker.size_m = *size;
-  *fault = "\"corners\" must be four points [x, y, z]";
-  const auto corners = json.find("corners");
-  if (corners == json.end() || !corners->is_array() || corners->size() != 4) return std::nullopt;
-  for (std::size_t i = 0; i < 4; ++i) {
-    const std::optional<Eigen::Vector3d> corner = point((*corners)[i]);
-    if (!corner) return std::nullopt;
-    marker.corners[i] = *corner;
+
+ private:
+  void readDictionary(slam::Map* map) {
+    map->dictionary = root_.at("dictionary").text();
+    if (!root_.good()) return;
+    const auto dictionary = slam::Dictionary::byName(map->dictionary);
+    if (dictionary) largest_id_ = dictionary->size() - 1;
+    if (!dictionary) root_.at("dictionary").fail(*objectToDictionary(map->dictionary));
   }
-  return marker;
+
+  void readMarker(const JsonNode& node, bool posed, slam::Map* map) const {
+    const int id = static_cast<int>(node.at("id").integer(0, largest_id_));
+    const double size_m = node.at("size").positive();
+    if (node.at("dictionary").text() != map->dictionary) {
+      node.at("dictionary").fail("is not the map's, \"" + map->dictionary + "\"");
+    }
+    if (map->find(id) != nullptr) {
+      node.at("id").fail("the marker " + std::to_string(id) + " occurs twice");
+    }
+    if (!node.good()) return;
+    slam::MapMarker& marker = map->addMarker(id, size_m);
+    marker.state = posed ? MarkerState::kMapped : MarkerState::kUnresolved;
+    if (node.has("state")) marker.state = readState(node.at("state"));
+    if (posed) marker.T_w_m = node.at("T_w_m").transform();
+    if (posed && node.has("corners")) checkCorners(node.at("corners"), marker);
+    if (posed != (marker.state == MarkerState::kMapped)) {
+      node.at("state").fail(posed ? "must be \"mapped\" where there is a pose"
+                                  : "must not be \"mapped\" where there is no pose");
+    }
+    if (node.has("other_T_w_m")) marker.other_T_w_m = node.at("other_T_w_m").transform();
+    if (node.has("covariance")) marker.covariance = readCovariance(node.at("covariance"));
+    if (!node.has("former_poses")) return;
+    for (const JsonNode& pose : node.at("former_poses").elements()) {
+      marker.former_poses.push_back(pose.transform());
+    }
+  }
+
+  void readKeyframe(const JsonNode& node, const slam::CameraModel& camera, slam::Map* map) {
+    slam::Keyframe keyframe;
+    keyframe.id = node.at("index").integer(0, kLargestInteger - 1);
+    if (node.good() && keyframe.id <= last_keyframe_) {
+      node.at("index").fail("must be larger than the one before, " +
+                            std::to_string(last_keyframe_));
+    }
+    last_keyframe_ = keyframe.id;
+    keyframe.sequence = node.at("sequence").natural();
+    keyframe.monotonic_ns =
+        node.at("time_ns").integer(std::numeric_limits<std::int64_t>::min(), kLargestInteger);
+    keyframe.T_w_c = node.at("T_w_c").transform();
+    for (const JsonNode& detection : node.at("detections").elements()) {
+      keyframe.detections.push_back(readDetection(detection, camera, *map));
+      const auto& all = keyframe.detections;
+      if (all.size() > 1 && all.back().id <= all[all.size() - 2].id) {
+        detection.at("id").fail("must be larger than the one before; no marker is seen twice");
+      }
+      if (!node.good()) return;
+    }
+    if (node.good()) (void)map->addKeyframe(std::move(keyframe));
+  }
+
+  slam::MarkerDetection readDetection(const JsonNode& node, const slam::CameraModel& camera,
+                                      const slam::Map& map) const {
+    slam::MarkerDetection detection;
+    detection.id = static_cast<int>(node.at("id").integer(0, largest_id_));
+    if (node.good() && map.find(detection.id) == nullptr) {
+      node.at("id").fail("the map has no marker " + std::to_string(detection.id));
+    }
+    detection.hamming = static_cast<int>(node.at("hamming").integer(0, 64));
+    const std::vector<JsonNode> pixels = node.at("pixels").elements(4);
+    const std::vector<JsonNode> covariances = node.at("normalised_covariance").elements(4);
+    for (std::size_t k = 0; k < 4 && node.good(); ++k) {
+      detection.pixels[k] = pixels[k].point2();
+      const auto normalised = camera.undistort(detection.pixels[k]);
+      if (normalised) detection.normalised[k] = *normalised;
+      if (!normalised) pixels[k].fail("the camera's lens cannot see there");
+      const std::vector<double> v = covariances[k].numbers(3);
+      detection.covariance[k] << v[0], v[1], v[1], v[2];
+      if (node.good() && !(v[0] > 0.0 && v[0] * v[2] > v[1] * v[1])) {
+        covariances[k].fail("must be xx, xy, yy of a positive definite matrix");
+      }
+    }
+    return detection;
+  }
+
+  const JsonNode& root_;
+  int largest_id_ = 0;
+  slam::KeyframeId last_keyframe_ = -1;
+};
+
+constexpr std::array<std::string_view, 8> kKeys = {"format",          "version",  "checksum",
+                                                   "dictionary",      "camera",   "markers",
+                                                   "unposed_markers", "keyframes"};
+
+void checkHead(const JsonNode& root) {
+  if (root.at("format").text() != kFormat) {
+    root.at("format").fail("must be \"" + std::string(kFormat) + "\"");
+  }
+  const JsonNode version = root.at("version");
+  if (root.good() && version.json() != kVersion) {
+    version.fail("is " + version.json().dump() + ", this program reads " +
+                 std::to_string(kVersion));
+  }
+  if (!root.good()) return;
+  for (const auto& [key, value] : root.json().items()) {
+    if (std::find(kKeys.begin(), kKeys.end(), key) == kKeys.end()) {
+      root.at(key.c_str()).fail("unknown key");
+    }
+  }
+}
+
+void checkChecksum(const JsonNode& node, const std::string& text) {
+  const std::string stored = node.text();
+  const std::string line = checksumLine(stored);
+  const std::size_t begin = text.find(line);
+  if (begin != text.npos) {
+    const std::string_view all = text;
+    if (checksum(all.substr(0, begin), all.substr(begin + line.size())) == stored) return;
+  }
+  node.fail("does not match: the file is damaged, or was edited; take the line out to use it");
 }
 
 }  // namespace
 
-std::string formatMap(const slam::Map& map, const slam::Calibration& camera) {
+std::string formatMap(const slam::Map& map, const std::optional<slam::Calibration>& camera) {
   std::vector<Json> posed;
   std::vector<Json> unposed;
   for (const auto& [id, marker] : map.markers()) {
-    (marker.T_w_m ? posed : unposed).push_back(toJson(marker, map.dictionary));
+    (marker.T_w_m ? posed : unposed).push_back(markerJson(marker, map.dictionary));
   }
   std::vector<Json> keyframes;
-  for (const auto& [id, keyframe] : map.keyframes()) keyframes.push_back(toJson(keyframe));
+  for (const auto& [id, keyframe] : map.keyframes()) keyframes.push_back(keyframeJson(keyframe));
 
-  std::string text = "{";
-  text += field("format", kFormat) + field("version", kVersion);
-  text += field("dictionary", map.dictionary) + field("camera", toJson(camera));
-  text += listText("markers", posed) + ",\n";
-  text += listText("unposed_markers", unposed) + ",\n";
-  text += listText("keyframes", keyframes) + "}\n";
-  return text;
+  const std::string head = "{" + jsonField("format", kFormat) + jsonField("version", kVersion);
+  std::string body = jsonField("dictionary", map.dictionary);
+  body += jsonField("camera", camera ? cameraJson(*camera) : Json(nullptr));
+  body += jsonList("markers", posed) + ",\n";
+  body += jsonList("unposed_markers", unposed) + ",\n";
+  body += jsonList("keyframes", keyframes) + "}\n";
+  return head + checksumLine(checksum(head, body)) + body;
 }
 
-Status writeMarkerLayout(const std::filesystem::path& path, std::span<const MarkerCorners> markers,
-                         std::string_view note) {
-  std::vector<Json> list;
-  for (const MarkerCorners& marker : markers) {
-    list.push_back(
-        {{"id", marker.id}, {"size", marker.size_m}, {"corners", toJson(marker.corners)}});
-  }
-  return writeTextFile(path, "{" + field("note", note) + listText("markers", list) + "}\n");
+Result<MapFile> parseMap(const std::string& text, const std::filesystem::path& file) {
+  const Result<Json> json = parseJson(text, file.string());
+  if (!json) return json.error();
+  std::string fault;
+  const JsonNode root(*json, &fault);
+  checkHead(root);
+  const bool has_checksum = root.has("checksum");
+  if (root.good() && has_checksum) checkChecksum(root.at("checksum"), text);
+  MapFile result;
+  if (root.good()) result = MapReader(root).read();
+  if (!fault.empty()) return Error{file.string() + ": " + fault};
+  result.has_checksum = has_checksum;
+  return result;
 }
 
-Result<std::vector<MarkerCorners>> readMarkerCorners(const std::filesystem::path& path) {
+Result<MapFile> readMap(const std::filesystem::path& path) {
   const Result<std::string> text = readTextFile(path);
   if (!text) return text.error();
-  const std::string file = path.string();
-  const Json json = Json::parse(*text, nullptr, /*allow_exceptions=*/false);
-  if (json.is_discarded() || !json.is_object()) return Error{file + ": is not a JSON object"};
-  if (const auto version = json.find("version"); version != json.end() && *version != kVersion) {
-    return Error{file + ": \"version\" is " + version->dump() + ", this program reads 1"};
-  }
-  const auto list = json.find("markers");
-  if (list == json.end() || !list->is_array()) {
-    return Error{file + ": \"markers\" must be a list"};
-  }
-  std::vector<MarkerCorners> markers;
-  for (std::size_t i = 0; i < list->size(); ++i) {
-    std::string fault;
-    const std::optional<MarkerCorners> marker = markerCorners((*list)[i], &fault);
-    if (!marker) return Error{file + ": markers[" + std::to_string(i) + "]: " + fault};
-    markers.push_back(*marker);
-  }
-  std::stable_sort(markers.begin(), markers.end(),
-                   [](const auto& a, const auto& b) { return a.id < b.id; });
-  const auto twice = std::adjacent_find(markers.begin(), markers.end(),
-                                        [](const auto& a, const auto& b) { return a.id == b.id; });
-  if (twice != markers.end()) {
-    return Error{file + ": markers: id " + std::to_string(twice->id) + " occurs twice"};
-  }
-  return markers;
-}
-
-std::vector<MarkerCorners> posedMarkerCorners(const slam::Map& map) {
-  std::vector<MarkerCorners> markers;
-  for (const auto& [id, marker] : map.markers()) {
-    if (marker.T_w_m) markers.push_back({id, marker.size_m, marker.cornersInWorld()});
-  }
-  return markers;
+  return parseMap(*text, path);
 }
 
 }  // namespace waymark::io

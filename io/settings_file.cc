@@ -48,8 +48,9 @@ Error at(const fs::path& file, const toml::source_position& place, const std::st
 // Walks through one file's tables.
 class SettingsReader {
  public:
-  SettingsReader(const fs::path& file, std::span<const Setting> settings)
-      : file_(file), settings_(settings) {}
+  // `where` is what the keys of these settings begin with in messages.
+  SettingsReader(const fs::path& file, std::span<const Setting> settings, std::string where = "")
+      : file_(file), settings_(settings), where_(std::move(where)) {}
 
   // `prefix` is what the keys of the table begin with.
   Status readTable(const toml::table& table, const std::string& prefix,
@@ -59,13 +60,11 @@ class SettingsReader {
       const std::string key = prefix + std::string(key_token.str());
       if (const auto setting = std::ranges::find(settings_, key, &Setting::key);
           setting != settings_.end()) {
-        if (const Objection objection = setting->read(SettingValue(node))) {
-          return at(file_, node.source().begin, key + ": " + *objection);
-        }
+        if (const Status read = readSetting(*setting, node); !read) return read;
       } else if (!isSection(key)) {
-        return at(file_, key_token.source().begin, key + ": unknown key");
+        return at(file_, key_token.source().begin, where_ + key + ": unknown key");
       } else if (!node.is_table()) {
-        return at(file_, node.source().begin, key + ": must be a section");
+        return at(file_, node.source().begin, where_ + key + ": must be a section");
       } else if (Status status = readTable(*node.as_table(), key + ".", {}); !status) {
         return status;
       }
@@ -75,14 +74,38 @@ class SettingsReader {
 
   [[nodiscard]] Status checkRequired(const toml::table& table) const {
     for (const Setting& setting : settings_) {
-      if (setting.required && !table.at_path(setting.key)) {
-        return Error{file_.string() + ": " + setting.key + ": missing"};
-      }
+      if (!setting.required || table.at_path(setting.key)) continue;
+      const std::string what = where_ + setting.key + ": missing";
+      if (where_.empty()) return Error{file_.string() + ": " + what};
+      return at(file_, table.source().begin, what);
     }
     return success();
   }
 
  private:
+  [[nodiscard]] Status readSetting(const Setting& setting, const toml::node& node) const {
+    if (setting.element) return readElements(setting, node);
+    if (const Objection objection = setting.read(SettingValue(node))) {
+      return at(file_, node.source().begin, where_ + setting.key + ": " + *objection);
+    }
+    return success();
+  }
+
+  [[nodiscard]] Status readElements(const Setting& setting, const toml::node& node) const {
+    if (!node.is_array_of_tables()) {
+      return at(file_, node.source().begin,
+                where_ + setting.key + ": must be sections [[" + setting.key + "]]");
+    }
+    for (const toml::node& element : *node.as_array()) {
+      const std::vector<Setting> keys = setting.element();
+      const SettingsReader reader(file_, keys, where_ + setting.key + ".");
+      const toml::table& table = *element.as_table();
+      if (const Status read = reader.readTable(table, "", {}); !read) return read;
+      if (const Status complete = reader.checkRequired(table); !complete) return complete;
+    }
+    return success();
+  }
+
   [[nodiscard]] bool isSection(const std::string& key) const {
     return std::ranges::any_of(
         settings_, [&](const Setting& setting) { return setting.key.starts_with(key + "."); });
@@ -90,6 +113,7 @@ class SettingsReader {
 
   const fs::path& file_;
   std::span<const Setting> settings_;
+  std::string where_;
 };
 
 }  // namespace
@@ -99,27 +123,28 @@ Setting required(Setting setting) {
   return setting;
 }
 
-Setting textSetting(std::string key, std::string& target, TextCheck object) {
-  return {std::move(key), [&target, object](const SettingValue& v) -> Objection {
+Setting checkedTextSetting(std::string key, TextCheck take) {
+  return {std::move(key), [take](const SettingValue& v) -> Objection {
             const std::optional<std::string> value = v.node.value_exact<std::string>();
             if (!value) return "must be text in quotes";
             if (value->empty()) return "must not be empty";
-            if (object) {
-              if (Objection objection = object(*value)) return objection;
-            }
-            target = *value;
-            return {};
+            return take(*value);
           }};
 }
 
+Setting textSetting(std::string key, std::string& target, TextCheck object) {
+  return checkedTextSetting(std::move(key), [&target, object](const std::string& text) {
+    Objection objection = object ? object(text) : std::nullopt;
+    if (!objection) target = text;
+    return objection;
+  });
+}
+
 Setting pathSetting(std::string key, fs::path& target) {
-  return {std::move(key), [&target](const SettingValue& v) -> Objection {
-            const std::optional<std::string> value = v.node.value_exact<std::string>();
-            if (!value) return "must be text in quotes";
-            if (value->empty()) return "must not be empty";
-            target = *value;
-            return {};
-          }};
+  return checkedTextSetting(std::move(key), [&target](const std::string& text) -> Objection {
+    target = text;
+    return {};
+  });
 }
 
 Setting flagSetting(std::string key, bool& target) {
@@ -140,6 +165,27 @@ Setting integerSetting(std::string key, std::uint64_t& target, std::int64_t leas
                        std::int64_t most) {
   return wholeNumber(std::move(key), least, most,
                      [&target](std::int64_t value) { target = static_cast<std::uint64_t>(value); });
+}
+
+Setting integerSetting(std::string key, std::optional<int>& target, int least, int most) {
+  return wholeNumber(std::move(key), least, most,
+                     [&target](std::int64_t value) { target = static_cast<int>(value); });
+}
+
+Setting numbersSetting(std::string key, std::size_t count, NumbersTaker take) {
+  return {std::move(key), [count, take](const SettingValue& v) -> Objection {
+            const toml::array* list = v.node.as_array();
+            std::vector<double> numbers;
+            for (std::size_t i = 0; list != nullptr && i < list->size(); ++i) {
+              const toml::node& element = *list->get(i);
+              const double number = element.value<double>().value_or(std::nan(""));
+              if (element.is_number() && std::isfinite(number)) numbers.push_back(number);
+            }
+            if (list == nullptr || list->size() != count || numbers.size() != count) {
+              return "must be a list of " + std::to_string(count) + " numbers";
+            }
+            return take(numbers);
+          }};
 }
 
 Setting numberSetting(std::string key, double& target, double least, double most,

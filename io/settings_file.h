@@ -26,6 +26,9 @@ struct Setting {
   std::string key;  // with its sections: "camera.simulator.seed"
   std::function<Objection(const SettingValue&)> read;
   bool required = false;
+  // A list of sections ([[key]]): begins the next element and says which keys it has. Where this is
+  // set, `read` is not.
+  std::function<std::vector<Setting>()> element = nullptr;
 };
 
 [[nodiscard]] Setting required(Setting setting);
@@ -33,18 +36,34 @@ struct Setting {
 // Text in quotes, not empty; `object` may have more to say about it.
 using TextCheck = std::function<Objection(const std::string&)>;
 [[nodiscard]] Setting textSetting(std::string key, std::string& target, TextCheck object = nullptr);
+// The same where the check itself knows what to do with the text.
+[[nodiscard]] Setting checkedTextSetting(std::string key, TextCheck take);
 [[nodiscard]] Setting pathSetting(std::string key, std::filesystem::path& target);
 
 [[nodiscard]] Setting flagSetting(std::string key, bool& target);
 
 // A whole number from `least` to `most`.
 [[nodiscard]] Setting integerSetting(std::string key, int& target, int least, int most);
+[[nodiscard]] Setting integerSetting(std::string key, std::optional<int>& target, int least,
+                                     int most);
 [[nodiscard]] Setting integerSetting(std::string key, std::uint64_t& target, std::int64_t least,
                                      std::int64_t most);
 
 // Any number from `least` to `most`; `unit` is for the message.
 [[nodiscard]] Setting numberSetting(std::string key, double& target, double least, double most,
                                     std::string_view unit);
+
+// As many finite numbers as `count`, [1.0, 2.0]; `take` may object to them.
+using NumbersTaker = std::function<Objection(std::span<const double>)>;
+[[nodiscard]] Setting numbersSetting(std::string key, std::size_t count, NumbersTaker take);
+
+// A list of sections, [[key]]: `target` gets an element for each, and `keys` says what its keys,
+// without `key`, are for.
+template <typename Element>
+[[nodiscard]] Setting sectionsSetting(std::string key, std::vector<Element>& target,
+                                      std::function<std::vector<Setting>(Element&)> keys) {
+  return {std::move(key), nullptr, false, [&target, keys] { return keys(target.emplace_back()); }};
+}
 
 // One of some words in quotes; `take` gets the index of the word.
 [[nodiscard]] Setting wordSetting(std::string key, std::vector<std::string> words,

@@ -1,13 +1,78 @@
 #include "io/slam_settings.h"
 
+#include <algorithm>
 #include <array>
+#include <cmath>
+#include <iterator>
 #include <string_view>
+#include <utility>
 
+#include <Eigen/Geometry>
+
+#include "io/marker_ids.h"
 #include "io/text_file.h"
 #include "slam/detection/dictionary.h"
 
 namespace waymark::io {
 namespace {
+
+constexpr int kLargestId = 1'000'000;
+
+// The length of a quaternion somebody rounded to three decimals may be this far from 1.
+constexpr double kOffUnit = 1e-2;
+
+// One [[slam.markers.anchors]].
+std::vector<Setting> anchorKeys(slam::Anchor& anchor) {
+  const auto take_position = [&anchor](std::span<const double> p) -> Objection {
+    anchor.T_w_m.p = {p[0], p[1], p[2]};
+    return {};
+  };
+  const auto take_orientation = [&anchor](std::span<const double> wxyz) -> Objection {
+    const Eigen::Quaterniond q(wxyz[0], wxyz[1], wxyz[2], wxyz[3]);
+    if (!(std::abs(q.norm() - 1.0) < kOffUnit)) return "must have length 1";
+    anchor.T_w_m.R = q.normalized().toRotationMatrix();
+    return {};
+  };
+  return {required(integerSetting("id", anchor.id, 0, kLargestId)),
+          required(numbersSetting("p_m", 3, take_position)),
+          required(numbersSetting("q_wxyz", 4, take_orientation)),
+          numberSetting("sigma_m", anchor.sigma_m, 1e-6, 100.0, "m"),
+          numberSetting("sigma_rad", anchor.sigma_rad, 1e-6, 10.0, "rad")};
+}
+
+// "3, 7-9" into `take`.
+Setting idsSetting(std::string key, std::function<Objection(std::vector<slam::IdRange>)> take) {
+  return checkedTextSetting(std::move(key), [take](const std::string& text) -> Objection {
+    const auto ranges = parseIdRanges(text);
+    if (!ranges) return ranges.error().message;
+    return take(*ranges);
+  });
+}
+
+// One [[slam.markers.sizes]].
+std::vector<Setting> sizeKeys(slam::MarkerOptions::Size& size) {
+  const auto take = [&size](const std::vector<slam::IdRange>& ids) -> Objection {
+    if (ids.size() != 1) return "must be one id or one range of ids like \"7-9\"";
+    size.ids = ids.front();
+    return {};
+  };
+  return {required(idsSetting("ids", take)),
+          required(numberSetting("size_m", size.size_m, 1e-3, 100.0, "m"))};
+}
+
+std::vector<Setting> markerKeys(slam::MarkerOptions& markers) {
+  const auto ignore = [&markers](std::vector<slam::IdRange> ids) -> Objection {
+    markers.ignored = std::move(ids);
+    return {};
+  };
+  return {
+      idsSetting("slam.markers.ignored", ignore),
+      integerSetting("slam.markers.origin", markers.origin_marker, 0, kLargestId),
+      sectionsSetting<slam::MarkerOptions::Size>("slam.markers.sizes", markers.other_sizes,
+                                                 sizeKeys),
+      sectionsSetting<slam::Anchor>("slam.markers.anchors", markers.anchors, anchorKeys),
+  };
+}
 
 // The daemon's other sections.
 constexpr std::array<std::string_view, 4> kOtherSections = {"camera", "queue", "publish", "log"};
@@ -24,9 +89,12 @@ Objection objectToDictionary(const std::string& name) {
 std::vector<Setting> slamSettingKeys(SlamSettings& target) {
   slam::Options& o = target.options;
   auto& scanner = o.detector.scanner;
-  return {
+  std::vector<Setting> keys = {
       required(textSetting("slam.dictionary", target.dictionary, objectToDictionary)),
       required(numberSetting("slam.marker_size_m", o.markers.size_m, 1e-3, 100.0, "m")),
+      pathSetting("slam.map_in", target.map.in),
+      pathSetting("slam.map_out", target.map.out),
+      flagSetting("slam.localize_only", target.map.localise_only),
       integerSetting("slam.detector.scanner.threshold_window_px", scanner.threshold_window_px, 3,
                      255),
       numberSetting("slam.detector.scanner.min_side_px", scanner.min_side_px, 4.0, 1000.0, "px"),
@@ -56,6 +124,8 @@ std::vector<Setting> slamSettingKeys(SlamSettings& target) {
       integerSetting("slam.local_optimisation.max_iterations",
                      o.mapper.local_optimisation.max_iterations, 1, 100),
   };
+  std::ranges::move(markerKeys(o.markers), std::back_inserter(keys));
+  return keys;
 }
 
 Result<SlamSettings> readSlamSettings(const std::filesystem::path& file) {

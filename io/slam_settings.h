@@ -12,9 +12,17 @@
 
 namespace waymark::io {
 
+// Where the daemon's map comes from and goes to. `waymark run` has options for that.
+struct MapSettings {
+  std::filesystem::path in;    // empty: begin a new map
+  std::filesystem::path out;   // written at the end; empty: nowhere
+  bool localise_only = false;  // leave the map of `in` as it is
+};
+
 struct SlamSettings {
   std::string dictionary;
   slam::Options options;
+  MapSettings map;
 };
 
 // The keys of [slam], nested as slam::Options. Dictionary and marker size are required.

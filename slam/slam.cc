@@ -89,13 +89,13 @@ class Slam::Impl {
   }
 
   void optimiseMapGlobally() {
-    if (options_.mapping && !map_.empty()) {
+    if (options_.mapping && !map_.keyframes().empty()) {
       (void)slam::optimiseGlobally(&map_, options_.markers, options_.global_optimisation);
     }
   }
 
   void optimiseMapAndLens() {
-    if (!options_.mapping || map_.empty()) return;
+    if (!options_.mapping || map_.keyframes().empty()) return;
     (void)slam::optimiseGloballyWithIntrinsics(&map_, options_.markers, options_.intrinsics,
                                                readout_s_, options_.global_optimisation, &camera_);
   }

@@ -9,6 +9,7 @@
 #include "tools/echo_command.h"
 #include "tools/eval_command.h"
 #include "tools/exit_code.h"
+#include "tools/map_command.h"
 #include "tools/run_command.h"
 #include "tools/simulate_command.h"
 
@@ -22,6 +23,7 @@ int main(int argc, char** argv) {
   addEvalCommand(app, &exit_code);
   addEchoCommand(app, &exit_code);
   addSimulateCommand(app, &exit_code);
+  addMapCommand(app, &exit_code);
 
   try {
     app.parse(argc, argv);

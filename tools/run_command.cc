@@ -17,11 +17,13 @@
 #include "io/map_file.h"
 #include "io/map_picture.h"
 #include "io/number_text.h"
+#include "io/old_map.h"
 #include "io/recorded_detections.h"
 #include "io/slam_settings.h"
 #include "io/text_file.h"
 #include "slam/slam.h"
 #include "tools/exit_code.h"
+#include "tools/marker_arguments.h"
 #include "tools/progress_bar.h"
 #include "tools/run_input.h"
 #include "tools/run_record.h"
@@ -33,10 +35,11 @@ namespace {
 struct RunArguments {
   std::string source;
   std::string calibration;
-  std::string dictionary;
-  std::string marker_size;  // as typed; metres
-  std::string config;
+  MarkerArguments markers;
   std::string out;
+  std::string map_in;
+  bool localize_only = false;
+  bool refine_intrinsics = false;
   std::string save_detections;
   std::optional<double> fps;
   bool no_global = false;
@@ -52,37 +55,25 @@ struct RunSetup {
   std::unique_ptr<RunInput> input;
   std::optional<io::OutputDirectory> output;
   std::optional<io::OutputDirectory> detections;  // the directory of --save-detections
+  std::optional<io::OldMap> old_map;
 };
 
-// From the configuration file, where there is one, and the command line, which wins.
-Result<io::SlamSettings> slamSettings(const RunArguments& arguments) {
-  io::SlamSettings settings;
-  if (!arguments.config.empty()) {
-    Result<io::SlamSettings> read = io::readSlamSettings(arguments.config);
-    if (!read) return read.error();
-    settings = std::move(read).value();
+// --map-in, if it is there.
+Result<std::optional<io::OldMap>> oldMap(const RunArguments& arguments,
+                                         const io::SlamSettings& settings,
+                                         const slam::Calibration& camera) {
+  if (arguments.map_in.empty()) return std::optional<io::OldMap>();
+  Result<io::OldMap> old =
+      io::readOldMap(arguments.map_in, {.dictionary = settings.dictionary,
+                                        .markers = settings.options.markers,
+                                        .camera = camera,
+                                        .localise_only = arguments.localize_only});
+  if (!old) return old.error();
+  if (arguments.localize_only && old->file.map.empty()) {
+    return Error{arguments.map_in +
+                 ": markers: none has a pose, so there is nothing to localise in"};
   }
-  const std::string where = arguments.config.empty() ? "" : " here or in " + arguments.config;
-  if (!arguments.dictionary.empty()) {
-    if (const auto objection = io::objectToDictionary(arguments.dictionary)) {
-      return Error{"--dictionary: " + *objection};
-    }
-    settings.dictionary = arguments.dictionary;
-  }
-  if (settings.dictionary.empty()) return Error{"--dictionary is required" + where};
-  if (!arguments.marker_size.empty()) {
-    const std::optional<double> size_m = io::parseDouble(arguments.marker_size);
-    if (!size_m || !(*size_m > 0.0)) {
-      return Error{"--marker-size: '" + arguments.marker_size +
-                   "' must be a positive number of metres"};
-    }
-    settings.options.markers.size_m = *size_m;
-  }
-  if (settings.options.markers.size_m == 0.0) return Error{"--marker-size is required" + where};
-  if (const std::string reason = settings.options.invalidReason(); !reason.empty()) {
-    return Error{(arguments.config.empty() ? "" : arguments.config + ": slam: ") + reason};
-  }
-  return settings;
+  return std::optional(std::move(old).value());
 }
 
 // frames.csv goes beside the detections and belongs to all of them in that directory: one that came
@@ -106,11 +97,13 @@ Result<std::optional<io::OutputDirectory>> openDetections(const std::string& fil
 }
 
 Result<RunSetup> prepare(const RunArguments& arguments) {
-  const Result<io::SlamSettings> settings = slamSettings(arguments);
+  const Result<io::SlamSettings> settings = slamSettings(arguments.markers);
   if (!settings) return settings.error();
   const Result<slam::Calibration> calibration = io::readCalibration(arguments.calibration);
   if (!calibration) return calibration.error();
   const slam::CameraModel camera(*calibration);
+  Result<std::optional<io::OldMap>> old_map = oldMap(arguments, *settings, *calibration);
+  if (!old_map) return old_map.error();
   Result<std::unique_ptr<RunInput>> input = openRunInput({.source = arguments.source,
                                                           .calibration = arguments.calibration,
                                                           .fps = arguments.fps,
@@ -125,12 +118,16 @@ Result<RunSetup> prepare(const RunArguments& arguments) {
     if (!opened) return opened.error();
     output.emplace(std::move(opened).value());
   }
-  return RunSetup{camera,
-                  *slam::Dictionary::byName(settings->dictionary),
-                  settings->options,
-                  std::move(input).value(),
-                  std::move(output),
-                  std::move(detections).value()};
+  RunSetup setup{camera,
+                 *slam::Dictionary::byName(settings->dictionary),
+                 settings->options,
+                 std::move(input).value(),
+                 std::move(output),
+                 std::move(detections).value(),
+                 std::move(old_map).value()};
+  setup.options.mapping = !arguments.localize_only;
+  if (setup.old_map) io::adoptReadout(*setup.old_map, &setup.options);
+  return setup;
 }
 
 Status processAll(RunInput& input, slam::Slam& slam, StageTimer& timer, bool show_progress,
@@ -148,13 +145,33 @@ Status processAll(RunInput& input, slam::Slam& slam, StageTimer& timer, bool sho
   }
 }
 
+// Section 4.10, as far as wanted.
+void optimiseGlobally(const RunArguments& arguments, slam::Slam* slam, RunRecord* record) {
+  if (arguments.refine_intrinsics) {
+    slam->optimiseGloballyWithIntrinsics();
+    record->undistortAgain(slam->camera());
+  } else if (!arguments.no_global) {
+    slam->optimiseGlobally();
+  }
+}
+
+// A map that was only localised in stays what it was, byte for byte.
+std::string mapText(const slam::Slam& slam, const RunSetup& setup) {
+  if (!setup.options.mapping) return setup.old_map->text;
+  return io::formatMap(slam.map(), slam.camera().calibration(), slam.readout_s());
+}
+
 Status writeOutputs(const slam::Slam& slam, const std::string& statistics, const RunRecord& record,
-                    const std::string& title, io::OutputDirectory& output) {
+                    bool with_calibration, RunSetup& setup) {
+  io::OutputDirectory& output = *setup.output;
   const io::Trajectory final_trajectory = record.finalTrajectory(slam);
   output.add("trajectory.tum", io::formatTrajectory(record.liveTrajectory()));
   output.add("trajectory_final.tum", io::formatTrajectory(final_trajectory));
-  output.add("map.json", io::formatMap(slam.map(), slam.camera().calibration()));
-  output.add("map.svg", io::formatMapPicture({.title = title,
+  output.add("map.json", mapText(slam, setup));
+  if (with_calibration) {
+    output.add("calib.yml", io::formatCalibration(slam.camera().calibration()));
+  }
+  output.add("map.svg", io::formatMapPicture({.title = setup.input->description(),
                                               .markers = io::posedMarkerCorners(slam.map()),
                                               .estimate = final_trajectory,
                                               .truth = {},
@@ -180,7 +197,13 @@ Result<ExitCode> run(const RunArguments& arguments) {
   RunSetup& setup = prepared.value();
   if (!arguments.quiet) std::fprintf(stderr, "%s\n", setup.input->description().c_str());
 
-  slam::Slam slam(setup.camera, setup.dictionary, setup.options);
+  if (setup.old_map) {
+    for (const std::string& warning : setup.old_map->warnings) {
+      std::fprintf(stderr, "waymark: warning: %s\n", warning.c_str());
+    }
+  }
+  slam::Slam slam(setup.camera, setup.dictionary, setup.options,
+                  setup.old_map ? setup.old_map->file.map : slam::Map());
   StageTimer timer;
   RunRecord record;
   const Status processed =
@@ -191,11 +214,11 @@ Result<ExitCode> run(const RunArguments& arguments) {
         writeDetections(arguments.save_detections, record, setup.camera, *setup.detections);
     if (!written) return written.error();
   }
-  if (!arguments.no_global) slam.optimiseGlobally();
+  optimiseGlobally(arguments, &slam, &record);
   if (setup.output) {
     const Status written =
         writeOutputs(slam, record.statistics(slam, timer, setup.input->droppedLate()), record,
-                     setup.input->description(), *setup.output);
+                     arguments.refine_intrinsics, setup);
     if (!written) return written.error();
   }
   if (!arguments.quiet) {
@@ -219,24 +242,31 @@ void addRunCommand(CLI::App& app, int* exit_code) {
                    "with lines FILE SECONDS, or --fps, for times), or a detections.csv")
       ->required();
   command->add_option("--calibration", arguments->calibration, "Camera, OpenCV YAML")->required();
-  command->add_option("--dictionary", arguments->dictionary,
-                      "Marker dictionary, e.g. APRILTAG_36h11");
-  command->add_option("--marker-size", arguments->marker_size,
-                      "Side of the printed black square, metres");
-  command->add_option(
-      "--config", arguments->config,
-      "Take the section [slam] of this configuration file (waymarkd's); the command "
-      "line wins");
+  addMarkerArguments(*command, arguments->markers);
   command->add_option("--out", arguments->out,
                       "Directory for trajectory.tum, trajectory_final.tum, map.json, map.svg and "
                       "stats.json");
+  CLI::Option* map_in =
+      command->add_option("--map-in", arguments->map_in, "Go on with this map.json");
+  CLI::Option* localize_only =
+      command
+          ->add_flag("--localize-only", arguments->localize_only,
+                     "Leave the map of --map-in as it is, bit for bit; any camera will do")
+          ->needs(map_in);
   command->add_option("--save-detections", arguments->save_detections,
                       "Write the corners found in each frame into this detections.csv, and a "
                       "frames.csv beside it; both can be run again");
   command->add_option("--fps", arguments->fps, "Frame rate, instead of the recording's own, Hz")
       ->check(CLI::PositiveNumber);
-  command->add_flag("--no-global", arguments->no_global,
-                    "Leave the map as it was live: no optimisation at the end");
+  CLI::Option* no_global =
+      command->add_flag("--no-global", arguments->no_global,
+                        "Leave the map as it was live: no optimisation at the end");
+  command
+      ->add_flag("--refine-intrinsics", arguments->refine_intrinsics,
+                 "Let the optimisation at the end improve the calibration too, and write it as "
+                 "calib.yml")
+      ->excludes(no_global)
+      ->excludes(localize_only);
   command->add_flag("--realtime", arguments->realtime,
                     "Play at the recording's rate and drop late frames, as live; times then count "
                     "from the first frame");

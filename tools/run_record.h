@@ -24,6 +24,9 @@ class RunRecord {
   // `counters` as they are after the frame.
   void add(std::int64_t time_ns, const slam::FrameResult& result, const slam::Counters& counters);
 
+  // The lens turned out to be another one. A marker it cannot have seen leaves its frame.
+  void undistortAgain(const slam::CameraModel& camera);
+
   [[nodiscard]] std::size_t frames() const { return frames_.size(); }
   [[nodiscard]] std::size_t localized() const { return localized_; }
   [[nodiscard]] double localizedPercent() const;

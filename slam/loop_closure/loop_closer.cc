@@ -191,7 +191,8 @@ std::variant<ClosedLoop, LoopRefusal> closeLoop(const Map& map, const LoopFrame&
   const double huber = before.noise * options.optimisation.huber;
   before.cost = fitOf(map, huber).cost;
   const double allowed =
-      options.max_growth + options.max_growth_share * before.cost / (before.noise * before.noise);
+      static_cast<double>(loop.loop_markers.size()) *
+      (options.max_growth + options.max_growth_share * before.cost / (before.noise * before.noise));
   std::optional<Candidate> best;
   std::optional<Candidate> other;
   for (const Transform& expected : loop.expected) {

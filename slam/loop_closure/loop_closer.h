@@ -20,8 +20,9 @@ struct LoopOptions {
   PoseGraphOptions pose_graph;
   BundleOptions optimisation{.max_iterations = 15, .min_relative_decrease = 1e-4};
   // A closure is refused when it raises the cost of what the map saw before by more than this much,
-  // in units of the noise: a constant, and a share of that cost. A true closure takes back drift,
-  // which the old views hardly resist; a false one bends them.
+  // in units of the noise: a constant, and a share of that cost; times the number of markers that
+  // close it. A true closure takes back drift, which the old views hardly resist; a false one bends
+  // them. One marker alone may have moved; several that agree with each other hardly have.
   double max_growth = 60.0;
   double max_growth_share = 0.01;
   // Largest mean squared whitened error of the closing frame's corners (2 residuals each), in units

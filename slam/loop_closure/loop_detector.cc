@@ -18,6 +18,7 @@ SplitMarkers LoopDetector::split(std::vector<KnownMarker> known) const {
 
 void LoopDetector::follow(const Map& map, std::span<const MarkerDetection> fitting,
                           const Transform& T_w_c, double depth_m, const KeyframeOptions& options) {
+  if (map.keyframes().empty()) return;
   const auto reference = referenceKeyframe(map, fitting, T_w_c, depth_m, options);
   const KeyframeId newest = map.keyframes().rbegin()->first;
   if (reference && reference == reference_ && newest == newest_) return;

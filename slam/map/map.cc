@@ -41,6 +41,12 @@ const MarkerDetection* Keyframe::find(int marker_id) const {
   return found != detections.end() && found->id == marker_id ? &*found : nullptr;
 }
 
+bool Map::empty() const {
+  return keyframes_.empty() &&
+         std::none_of(markers_.begin(), markers_.end(),
+                      [](const auto& entry) { return entry.second.T_w_m.has_value(); });
+}
+
 const MapMarker* Map::find(int marker_id) const {
   const auto found = markers_.find(marker_id);
   return found == markers_.end() ? nullptr : &found->second;

@@ -58,7 +58,8 @@ class Map {
  public:
   std::string dictionary;
 
-  [[nodiscard]] bool empty() const { return keyframes_.empty(); }
+  // Nothing to localise in. Imported maps have markers with poses, but no keyframes.
+  [[nodiscard]] bool empty() const;
   [[nodiscard]] const std::map<int, MapMarker>& markers() const { return markers_; }
   // In the order of insertion; the first one fixes the gauge.
   [[nodiscard]] const std::map<KeyframeId, Keyframe>& keyframes() const { return keyframes_; }

@@ -1,0 +1,263 @@
+#include "tools/map_command.h"
+
+#include <cstdio>
+#include <functional>
+#include <memory>
+#include <optional>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include <CLI/CLI.hpp>
+
+#include "io/aruco_map.h"
+#include "io/map_file.h"
+#include "io/number_text.h"
+#include "io/ply_map.h"
+#include "io/posed_markers.h"
+#include "io/slam_settings.h"
+#include "io/tagslam_map.h"
+#include "io/text_file.h"
+#include "io/trajectory.h"
+#include "io/wpilib_map.h"
+#include "slam/options.h"
+#include "tools/exit_code.h"
+#include "tools/map_info.h"
+#include "tools/map_merge.h"
+
+namespace waymark::tools {
+namespace {
+
+// What a subcommand has to say on stdout.
+using Outcome = Result<std::string>;
+
+struct InfoArguments {
+  std::string map;
+  bool markers = false;
+};
+
+struct ExportArguments {
+  std::string map;
+  std::string format;
+  std::string out;
+};
+
+struct ImportArguments {
+  std::string file;
+  std::string format;
+  std::string dictionary;
+  std::optional<double> size_m;
+  std::string out;
+};
+
+struct MergeArguments {
+  std::vector<std::string> files;  // the last one is written
+  MergeOptions options;
+  bool no_global = false;
+};
+
+Outcome info(const InfoArguments& arguments) {
+  const Result<io::MapFile> file = io::readMap(arguments.map);
+  if (!file) return file.error();
+  return mapInfo(*file, arguments.markers);
+}
+
+io::Trajectory keyframePoses(const slam::Map& map) {
+  io::Trajectory trajectory;
+  for (const auto& [id, keyframe] : map.keyframes()) {
+    trajectory.push_back({keyframe.monotonic_ns, keyframe.T_w_c});
+  }
+  return trajectory;
+}
+
+std::string exported(const slam::Map& map, const std::string& format) {
+  const io::PosedMarkers markers = io::posedMarkers(map);
+  if (format == "aruco") return io::formatArucoMap(markers);
+  if (format == "tagslam") return io::formatTagslamMap(markers);
+  if (format == "wpilib") return io::formatWpilibMap(markers);
+  if (format == "ply") return io::formatPlyMap(markers);
+  return io::formatTrajectory(keyframePoses(map));  // tum
+}
+
+Outcome exportMap(const ExportArguments& arguments) {
+  const Result<io::MapFile> file = io::readMap(arguments.map);
+  if (!file) return file.error();
+  if (arguments.format == "tum" && file->map.keyframes().empty()) {
+    return Error{arguments.map + ": has no keyframes, and so no poses"};
+  }
+  const Status written = io::writeTextFile(arguments.out, exported(file->map, arguments.format));
+  if (!written) return written.error();
+  return std::string();
+}
+
+Result<io::PosedMarkers> imported(const ImportArguments& arguments) {
+  const Result<std::string> text = io::readTextFile(arguments.file);
+  if (!text) return text.error();
+  if (arguments.format == "aruco") return io::parseArucoMap(*text, arguments.file);
+  if (arguments.format == "tagslam") return io::parseTagslamMap(*text, arguments.file);
+  return io::parseWpilibMap(*text, arguments.file);
+}
+
+// What the file does not say comes from the command line; both may say it, but not two things.
+Status complete(const ImportArguments& arguments, io::PosedMarkers* markers) {
+  if (!arguments.dictionary.empty()) {
+    if (const auto objection = io::objectToDictionary(arguments.dictionary)) {
+      return Error{"--dictionary: " + *objection};
+    }
+    if (!markers->dictionary.empty() && markers->dictionary != arguments.dictionary) {
+      return Error{arguments.file + ": is of " + markers->dictionary + ", not of " +
+                   arguments.dictionary};
+    }
+    markers->dictionary = arguments.dictionary;
+  }
+  if (markers->dictionary.empty()) {
+    return Error{arguments.file + ": does not say which dictionary; give --dictionary"};
+  }
+  for (io::PosedMarker& marker : markers->markers) {
+    if (marker.size_m == 0.0) marker.size_m = arguments.size_m.value_or(0.0);
+  }
+  return success();
+}
+
+Outcome importMap(const ImportArguments& arguments) {
+  Result<io::PosedMarkers> markers = imported(arguments);
+  if (!markers) return markers.error();
+  if (const Status whole = complete(arguments, &*markers); !whole) return whole.error();
+  const Result<slam::Map> map = io::mapOf(*markers, arguments.file);
+  if (!map) return map.error();
+  const Status written = io::writeTextFile(arguments.out, io::formatMap(*map, std::nullopt));
+  if (!written) return written.error();
+  return std::to_string(map->markers().size()) + " markers\n";
+}
+
+std::string listed(const std::vector<int>& ids) {
+  std::string text;
+  for (const int id : ids) text += " " + std::to_string(id);
+  return text;
+}
+
+std::string mergeText(const std::string& file, const MergeReport& report) {
+  std::string text = file + ": " + std::to_string(report.agreeing.size()) +
+                     " shared markers agree, " + io::fixed(1000.0 * report.rms_m, 2) + " mm rms; " +
+                     std::to_string(report.added.size()) + " markers are new\n";
+  if (!report.disagreeing.empty()) {
+    text +=
+        file + ": these disagree and are left where they were:" + listed(report.disagreeing) + "\n";
+  }
+  for (const std::string& warning : report.warnings) text += file + ": " + warning + "\n";
+  return text;
+}
+
+std::string optimise(io::MapFile* merged) {
+  const std::string before = io::fixed(reprojectionFit(*merged).rms_px, 3);
+  const slam::Options options;
+  (void)slam::optimiseGlobally(&merged->map, options.markers, options.global_optimisation);
+  return "optimised: " + before + " px rms before, " +
+         io::fixed(reprojectionFit(*merged).rms_px, 3) + " px after\n";
+}
+
+Outcome merge(const MergeArguments& arguments) {
+  if (arguments.files.size() < 3) return Error{"map merge needs two maps and a file to write"};
+  Result<io::MapFile> merged = io::readMap(arguments.files.front());
+  if (!merged) return merged.error();
+  std::string text;
+  for (std::size_t i = 1; i + 1 < arguments.files.size(); ++i) {
+    const std::string& name = arguments.files[i];
+    const Result<io::MapFile> next = io::readMap(name);
+    if (!next) return next.error();
+    const Result<MergeReport> report = mergeMaps(&*merged, *next, arguments.options);
+    if (!report) return Error{name + ": " + report.error().message};
+    text += mergeText(name, *report);
+  }
+  if (!arguments.no_global && !merged->map.keyframes().empty()) text += optimise(&*merged);
+  const Status written =
+      io::writeTextFile(arguments.files.back(), io::formatMap(merged->map, merged->camera));
+  if (!written) return written.error();
+  return text;
+}
+
+// Runs a subcommand with its arguments when it was chosen.
+template <typename Arguments>
+void onCall(CLI::App* command, const std::shared_ptr<Arguments>& arguments,
+            Outcome (*run)(const Arguments&), int* exit_code) {
+  command->callback([arguments, run, exit_code] {
+    const Outcome outcome = run(*arguments);
+    if (!outcome) std::fprintf(stderr, "waymark: %s\n", outcome.error().message.c_str());
+    if (outcome) std::fputs(outcome->c_str(), stdout);
+    *exit_code = outcome ? kDone : kBadInput;
+  });
+}
+
+void addInfo(CLI::App& map, int* exit_code) {
+  CLI::App* command = map.add_subcommand("info", "Check a map and say what is in it");
+  const auto arguments = std::make_shared<InfoArguments>();
+  command->add_option("map", arguments->map, "A map.json")->required();
+  command->add_flag("--markers", arguments->markers, "A line for each marker, too");
+  onCall(command, arguments, info, exit_code);
+}
+
+void addExport(CLI::App& map, int* exit_code) {
+  CLI::App* command = map.add_subcommand("export", "Write a map in another program's format");
+  const auto arguments = std::make_shared<ExportArguments>();
+  command->add_option("map", arguments->map, "A map.json")->required();
+  command
+      ->add_option("--format", arguments->format,
+                   "aruco (ArUco and UcoSLAM marker map), tagslam, wpilib (field layout), ply "
+                   "(markers as faces), tum (poses of the keyframes)")
+      ->required()
+      ->check(CLI::IsMember({"aruco", "tagslam", "wpilib", "ply", "tum"}));
+  command->add_option("out", arguments->out, "The file to write")->required();
+  onCall(command, arguments, exportMap, exit_code);
+}
+
+void addImport(CLI::App& map, int* exit_code) {
+  CLI::App* command =
+      map.add_subcommand("import", "Make a map, without keyframes, of another program's");
+  const auto arguments = std::make_shared<ImportArguments>();
+  command->add_option("file", arguments->file, "The file to read")->required();
+  command->add_option("--format", arguments->format, "aruco, tagslam or wpilib")
+      ->required()
+      ->check(CLI::IsMember({"aruco", "tagslam", "wpilib"}));
+  command->add_option("--dictionary", arguments->dictionary,
+                      "Marker dictionary, where the file does not say");
+  command
+      ->add_option("--size", arguments->size_m,
+                   "Side of the markers, metres, where the file does not say")
+      ->check(CLI::PositiveNumber);
+  command->add_option("out", arguments->out, "The map.json to write")->required();
+  onCall(command, arguments, importMap, exit_code);
+}
+
+void addMerge(CLI::App& map, int* exit_code) {
+  CLI::App* command = map.add_subcommand("merge", "Join maps by the markers they share");
+  const auto arguments = std::make_shared<MergeArguments>();
+  command
+      ->add_option("files", arguments->files,
+                   "Two maps or more, the first one's world is kept; then the file to write")
+      ->required();
+  command
+      ->add_option("--tolerance", arguments->options.tolerance_m,
+                   "Corners of a shared marker may be this far apart, metres")
+      ->capture_default_str()
+      ->check(CLI::PositiveNumber);
+  command
+      ->add_option("--min-shared", arguments->options.min_agreeing,
+                   "Shared markers that must agree")
+      ->capture_default_str()
+      ->check(CLI::Range(2, 1'000'000));
+  command->add_flag("--no-global", arguments->no_global, "No optimisation of the merged map");
+  onCall(command, arguments, merge, exit_code);
+}
+
+}  // namespace
+
+void addMapCommand(CLI::App& app, int* exit_code) {
+  CLI::App* map = app.add_subcommand("map", "Look into maps, translate them, join them");
+  map->require_subcommand(1);
+  addInfo(*map, exit_code);
+  addExport(*map, exit_code);
+  addImport(*map, exit_code);
+  addMerge(*map, exit_code);
+}
+
+}  // namespace waymark::tools
