@@ -156,6 +156,13 @@ void Publisher::fillCounters() {
   addCounter("slam.loop_closures", slam.loop_closures);
   addCounter("slam.rejected_markers", slam.rejected_markers);
   addCounter("slam.rejected_poses", slam.rejected_poses);
+  addCounter("slam.loops_without_drift", slam.loops_without_drift);
+  addCounter("slam.loops_refused", slam.loops_refused);
+  addCounter("slam.clipped_markers", slam.clipped_markers);
+  addCounter("slam.doubled_markers", slam.doubled_markers);
+  addCounter("slam.flipped_markers", slam.flipped_markers);
+  addCounter("slam.quarantined_markers", slam.quarantined_markers);
+  addCounter("slam.refused_markers", slam.refused_markers);
   addCounter("deadline.missed", deadlines_missed_);
   addCounter("dropped.publisher", input_.records_lost.load(std::memory_order_relaxed));
   addCounter("dropped.unsent", poses_unsent_);

@@ -1,6 +1,7 @@
 #include "slam/slam.h"
 
 #include <algorithm>
+#include <set>
 #include <utility>
 
 #include "slam/geometry/robust.h"
@@ -88,6 +89,16 @@ class Slam::Impl {
     return result;
   }
 
+  void addViews(std::span<const PastFrame> frames) {
+    if (!options_.mapping) return;
+    std::set<std::int64_t> in_map_ns;
+    for (const auto& [id, keyframe] : map_.keyframes()) in_map_ns.insert(keyframe.monotonic_ns);
+    for (const PastFrame& frame : frames) {
+      if (in_map_ns.count(frame.time.monotonic_ns) != 0) continue;
+      if (auto view = viewOf(frame)) (void)map_.addKeyframe(std::move(*view));
+    }
+  }
+
   void optimiseMapGlobally() {
     if (options_.mapping && !map_.keyframes().empty()) {
       (void)slam::optimiseGlobally(&map_, options_.markers, options_.global_optimisation);
@@ -103,19 +114,10 @@ class Slam::Impl {
   [[nodiscard]] std::optional<PoseEstimate> localize(std::span<const MarkerDetection> detections,
                                                      const Transform& guess,
                                                      const Vector6d& twist) const {
-    Counters uncounted;
-    MarkerWatch watch(options_.markers, options_.watch);
-    std::vector<MarkerDetection> usable = watch.screen(detections, camera_, map_, &uncounted);
-    deskew(guess, twist, &usable);
+    const std::vector<MarkerDetection> usable = usableAt(guess, twist, detections);
     const std::vector<KnownMarker> known = knownMarkers(map_, usable);
-    const PoseOptimiser& optimiser = tracker_.optimiser();
-    auto solution = optimiser.optimise(known, guess);
-    if (!solution || !optimiser.acceptable(*solution)) {
-      // The guess may be from before a loop was closed.
-      solution =
-          relocalise(known, optimiser, camera_.focalLength(), options_.tracking.relocalisation);
-    }
-    if (!solution || !optimiser.acceptable(*solution)) return std::nullopt;
+    const auto solution = locate(known, guess);
+    if (!solution) return std::nullopt;
     return estimateOf(*solution, known, twist);
   }
 
@@ -125,6 +127,44 @@ class Slam::Impl {
   [[nodiscard]] double readout_s() const { return readout_s_; }
 
  private:
+  [[nodiscard]] std::vector<MarkerDetection> usableAt(
+      const Transform& T_w_c, const Twist& twist,
+      std::span<const MarkerDetection> detections) const {
+    Counters uncounted;
+    MarkerWatch watch(options_.markers, options_.watch);
+    std::vector<MarkerDetection> usable = watch.screen(detections, camera_, map_, &uncounted);
+    deskew(T_w_c, twist, &usable);
+    return usable;
+  }
+
+  [[nodiscard]] std::optional<PoseSolution> locate(std::span<const KnownMarker> known,
+                                                   const Transform& guess) const {
+    const PoseOptimiser& optimiser = tracker_.optimiser();
+    auto solution = optimiser.optimise(known, guess);
+    if (!solution || !optimiser.acceptable(*solution)) {
+      // The guess may be from before a loop was closed.
+      solution =
+          relocalise(known, optimiser, camera_.focalLength(), options_.tracking.relocalisation);
+    }
+    if (!solution || !optimiser.acceptable(*solution)) return std::nullopt;
+    return solution;
+  }
+
+  // A keyframe of the markers that fit the map; empty when the frame has no pose in it.
+  [[nodiscard]] std::optional<Keyframe> viewOf(const PastFrame& frame) const {
+    const std::vector<MarkerDetection> usable =
+        usableAt(frame.T_w_c, frame.twist, frame.detections);
+    const std::vector<KnownMarker> known = knownMarkers(map_, usable);
+    const auto solution = locate(known, frame.T_w_c);
+    if (!solution) return std::nullopt;
+    Keyframe view{-1, frame.time.sequence, frame.time.monotonic_ns, solution->T_w_c,
+                  {}, frame.twist};
+    for (std::size_t i = 0; i < known.size(); ++i) {
+      if (solution->inlier[i]) view.detections.push_back(*known[i].detection);
+    }
+    return view;
+  }
+
   // What a frame shows, by what it is good for, and what has become of it so far.
   struct Sight {
     FrameTime time;
@@ -168,7 +208,7 @@ class Slam::Impl {
   }
 
   [[nodiscard]] static Keyframe frameOf(const Sight& sight, const Transform& T_w_c) {
-    return {-1, sight.time.sequence, sight.time.monotonic_ns, T_w_c, sight.twist, sight.fitting};
+    return {-1, sight.time.sequence, sight.time.monotonic_ns, T_w_c, sight.fitting, sight.twist};
   }
 
   // Section 4.1.
@@ -179,8 +219,8 @@ class Slam::Impl {
       result->reason = "there is no map, and mapping is off";
       return;
     }
-    const auto start = initialiser_.process(
-        {-1, time.sequence, time.monotonic_ns, Transform{}, Twist::Zero(), usable});
+    const auto start =
+        initialiser_.process({-1, time.sequence, time.monotonic_ns, Transform{}, usable});
     if (!start) {
       result->reason = initialiser_.reason();
       return;
@@ -475,6 +515,7 @@ FrameResult Slam::processDetections(std::span<const MarkerDetection> detections,
 const Map& Slam::map() const { return impl_->map(); }
 const Counters& Slam::counters() const { return impl_->counters(); }
 const CameraModel& Slam::camera() const { return impl_->camera(); }
+void Slam::addViews(std::span<const PastFrame> frames) { impl_->addViews(frames); }
 void Slam::optimiseGlobally() { impl_->optimiseMapGlobally(); }
 void Slam::optimiseGloballyWithIntrinsics() { impl_->optimiseMapAndLens(); }
 

@@ -69,6 +69,14 @@ class StageObserver {
   virtual void end(Stage stage) = 0;
 };
 
+// A frame that was processed, for Slam::addViews.
+struct PastFrame {
+  FrameTime time;
+  std::span<const MarkerDetection> detections;
+  Transform T_w_c;  // as estimated then
+  Vector6d twist = Vector6d::Zero();
+};
+
 class Slam {
  public:
   // Goes on with `map` (of the same dictionary) where one is given; it then starts by relocalising.
@@ -89,6 +97,11 @@ class Slam {
   [[nodiscard]] const Counters& counters() const;
   [[nodiscard]] const CameraModel& camera() const;
 
+  // Makes keyframes of frames that were none while they came: the optimisation at the end of a
+  // recording need not be fast, and more views make a better map than section 4.10's keyframes
+  // alone. Each is located against the map as it is now; those that do not fit are left out. Does
+  // nothing when mapping is off.
+  void addViews(std::span<const PastFrame> frames);
   // Global optimisation of the whole map (section 4.10), for the end of a recording or a map that
   // is to be saved; does nothing when mapping is off.
   void optimiseGlobally();

@@ -147,6 +147,11 @@ Status processAll(RunInput& input, slam::Slam& slam, StageTimer& timer, bool sho
 
 // Section 4.10, as far as wanted.
 void optimiseGlobally(const RunArguments& arguments, slam::Slam* slam, RunRecord* record) {
+  // More are hardly better: neighbouring frames see the same.
+  constexpr std::size_t kViews = 240;
+  if (arguments.refine_intrinsics || !arguments.no_global) {
+    slam->addViews(record->spreadFrames(kViews));
+  }
   if (arguments.refine_intrinsics) {
     slam->optimiseGloballyWithIntrinsics();
     record->undistortAgain(slam->camera());

@@ -108,6 +108,25 @@ std::vector<io::RecordedFrame> RunRecord::recordedFrames() const {
   return recorded;
 }
 
+std::vector<slam::PastFrame> RunRecord::spreadFrames(std::size_t count) const {
+  std::vector<slam::PastFrame> spread;
+  const std::size_t wanted = std::min(count, localized_);
+  std::size_t seen = 0;
+  for (std::size_t i = 0; i < frames_.size(); ++i) {
+    const FrameRecord& frame = frames_[i];
+    if (!frame.pose) continue;
+    // The k-th is taken when k * localized / wanted frames with a pose have been seen.
+    if (spread.size() * localized_ <= seen * wanted && spread.size() < wanted) {
+      spread.push_back({{.sequence = i, .monotonic_ns = frame.time_ns},
+                        frame.detections,
+                        frame.pose->T_w_c,
+                        frame.pose->twist});
+    }
+    ++seen;
+  }
+  return spread;
+}
+
 std::string RunRecord::statistics(const slam::Slam& slam, const StageTimer& timer,
                                   std::uint64_t dropped_late) const {
   const slam::Counters& counters = slam.counters();

@@ -35,6 +35,9 @@ class RunRecord {
   [[nodiscard]] io::Trajectory liveTrajectory() const;
   // Every frame's pose against the map as it is now.
   [[nodiscard]] io::Trajectory finalTrajectory(const slam::Slam& slam) const;
+  // At most `count` frames that had a pose, evenly spread, for the optimisation at the end. They
+  // point into this record.
+  [[nodiscard]] std::vector<slam::PastFrame> spreadFrames(std::size_t count) const;
   // Every frame's detections, for replaying them.
   [[nodiscard]] std::vector<io::RecordedFrame> recordedFrames() const;
   // stats.json of the interface.

@@ -45,10 +45,10 @@ struct Keyframe {
   KeyframeId id = -1;
   std::uint64_t sequence = 0;
   std::int64_t monotonic_ns = 0;
-  Transform T_w_c;  // inverse of the paper's gamma^i
+  Transform T_w_c;                          // inverse of the paper's gamma^i
+  std::vector<MarkerDetection> detections;  // sorted by id
   // Of the camera in its own frame, metres and radians per second; 0 where nobody needs it.
   Vector6d twist = Vector6d::Zero();
-  std::vector<MarkerDetection> detections;  // sorted by id
 
   // Null when the keyframe does not see the marker.
   [[nodiscard]] const MarkerDetection* find(int marker_id) const;

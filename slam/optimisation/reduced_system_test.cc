@@ -112,7 +112,7 @@ TEST(ReducedSystem, NothingToSolveIsSolved) {
   ASSERT_TRUE(empty.solve());
   EXPECT_EQ(empty.solve()->size(), 0);
   ReducedSystem lens_only(0, true);
-  lens_only.addLens(2.0 * GlobalMatrix::Identity(), GlobalVector::Constant(4.0));
+  lens_only.addGlobals(2.0 * GlobalMatrix::Identity(), GlobalVector::Constant(4.0));
   ASSERT_TRUE(lens_only.solve());
   EXPECT_LT((*lens_only.solve() - Eigen::VectorXd::Constant(kGlobals, 2.0)).norm(), 1e-12);
 }
