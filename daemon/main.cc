@@ -51,8 +51,8 @@ int runDaemon(const Configuration& configuration, const CameraSetup& camera, Sta
   CameraStatus camera_status;
   FrameQueue frames(static_cast<std::size_t>(configuration.queue.depth));
   slam::Slam slam(slam::CameraModel(camera.calibration),
-                  *slam::Dictionary::byName(configuration.slam.dictionary),
-                  configuration.slam.options, std::move(start.map));
+                  *slam::Dictionary::byName(configuration.slam.dictionary), start.options,
+                  std::move(start.map));
   for (const std::string& note : start.notes) log.info(note);
   SlamOutput output;
 

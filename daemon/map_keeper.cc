@@ -33,6 +33,7 @@ Result<StartMap> readStartMap(const io::SlamSettings& settings, const slam::Cali
   const io::MapSettings& map = settings.map;
   if (const Status writable = checkWritable(map.out); !writable) return writable.error();
   StartMap start;
+  start.options = settings.options;
   if (map.in.empty()) return start;
   std::error_code error;
   if (map.in == map.out && !fs::exists(map.in, error) && !error) {
@@ -48,6 +49,7 @@ Result<StartMap> readStartMap(const io::SlamSettings& settings, const slam::Cali
     return Error{map.in.string() +
                  ": markers: none has a pose, so there is nothing to localise in"};
   }
+  io::adoptReadout(*old, &start.options);
   start.notes = std::move(old->warnings);
   start.notes.push_back(map.in.string() + ": going on with " + contents(old->file.map));
   start.map = std::move(old->file.map);
@@ -59,8 +61,8 @@ Result<std::string> saveMap(const io::SlamSettings& settings, slam::Slam& slam) 
   if (file.empty()) return std::string();
   if (slam.map().empty()) return file.string() + ": there is no map to save";
   slam.optimiseGlobally();
-  const Status written =
-      io::writeTextFile(file, io::formatMap(slam.map(), slam.camera().calibration()));
+  const Status written = io::writeTextFile(
+      file, io::formatMap(slam.map(), slam.camera().calibration(), slam.readout_s()));
   if (!written) return written.error();
   return file.string() + ": saved " + contents(slam.map());
 }

@@ -15,6 +15,7 @@ namespace waymark::daemon {
 struct StartMap {
   slam::Map map;                   // empty: begin anew
   std::vector<std::string> notes;  // for the log: what came from where
+  slam::Options options;           // with what the map knows of the camera
 };
 
 // Reads slam.map_in, checks that it fits the markers and the camera, and that slam.map_out can be

@@ -75,7 +75,7 @@ Json covarianceJson(const slam::Matrix6d& symmetric) {
   return list;
 }
 
-Json cameraJson(const slam::Calibration& c) {
+Json cameraJson(const slam::Calibration& c, double readout_s) {
   const bool fisheye = c.model == slam::DistortionModel::kEquidistant;
   return {{"width", c.width},
           {"height", c.height},
@@ -84,7 +84,8 @@ Json cameraJson(const slam::Calibration& c) {
           {"cx", c.cx},
           {"cy", c.cy},
           {"distortion_model", fisheye ? "equidistant" : "rational_polynomial"},
-          {"distortion", c.distortion}};
+          {"distortion", c.distortion},
+          {"readout_s", readout_s}};
 }
 
 Json markerJson(const slam::MapMarker& marker, const std::string& dictionary) {
@@ -117,11 +118,16 @@ Json keyframeJson(const slam::Keyframe& keyframe) {
                           {"pixels", listOfFour(detection.pixels)},
                           {"normalised_covariance", std::move(covariances)}});
   }
-  return {{"index", keyframe.id},
-          {"sequence", keyframe.sequence},
-          {"time_ns", keyframe.monotonic_ns},
-          {"T_w_c", toJson(keyframe.T_w_c)},
-          {"detections", std::move(detections)}};
+  Json json = {{"index", keyframe.id},
+               {"sequence", keyframe.sequence},
+               {"time_ns", keyframe.monotonic_ns},
+               {"T_w_c", toJson(keyframe.T_w_c)}};
+  if (!keyframe.twist.isZero(0.0)) {
+    const slam::Vector6d& v = keyframe.twist;
+    json["twist"] = Json::array({v[0], v[1], v[2], v[3], v[4], v[5]});
+  }
+  json["detections"] = std::move(detections);
+  return json;
 }
 
 // Reading.
@@ -147,6 +153,13 @@ slam::Calibration readCamera(const JsonNode& node) {
     node.fail(reason);
   }
   return c;
+}
+
+double readReadout(const JsonNode& camera) {
+  if (!camera.has("readout_s")) return 0.0;
+  const double readout_s = camera.at("readout_s").number();
+  if (readout_s < 0.0) camera.at("readout_s").fail("must not be negative");
+  return readout_s;
 }
 
 MarkerState readState(const JsonNode& node) {
@@ -195,6 +208,7 @@ class MapReader {
     readDictionary(&file.map);
     if (root_.has("camera") && !root_.at("camera").json().is_null()) {
       file.camera = readCamera(root_.at("camera"));
+      file.readout_s = readReadout(root_.at("camera"));
     }
     for (const char* list : {"markers", "unposed_markers"}) {
       for (const JsonNode& node : root_.at(list).elements()) {
@@ -210,6 +224,8 @@ class MapReader {
       readKeyframe(node, camera, &file.map);
       if (!root_.good()) return file;
     }
+    // The corners of a rolling shutter follow from the poses, too.
+    if (file.readout_s > 0.0) file.map.undistortAgain(camera, file.readout_s);
     return file;
   }
 
@@ -261,6 +277,10 @@ class MapReader {
     keyframe.monotonic_ns =
         node.at("time_ns").integer(std::numeric_limits<std::int64_t>::min(), kLargestInteger);
     keyframe.T_w_c = node.at("T_w_c").transform();
+    if (node.has("twist")) {
+      const std::vector<double> twist = node.at("twist").numbers(6);
+      std::copy(twist.begin(), twist.end(), keyframe.twist.data());
+    }
     for (const JsonNode& detection : node.at("detections").elements()) {
       keyframe.detections.push_back(readDetection(detection, camera, *map));
       const auto& all = keyframe.detections;
@@ -335,7 +355,8 @@ void checkChecksum(const JsonNode& node, const std::string& text) {
 
 }  // namespace
 
-std::string formatMap(const slam::Map& map, const std::optional<slam::Calibration>& camera) {
+std::string formatMap(const slam::Map& map, const std::optional<slam::Calibration>& camera,
+                      double readout_s) {
   std::vector<Json> posed;
   std::vector<Json> unposed;
   for (const auto& [id, marker] : map.markers()) {
@@ -346,7 +367,7 @@ std::string formatMap(const slam::Map& map, const std::optional<slam::Calibratio
 
   const std::string head = "{" + jsonField("format", kFormat) + jsonField("version", kVersion);
   std::string body = jsonField("dictionary", map.dictionary);
-  body += jsonField("camera", camera ? cameraJson(*camera) : Json(nullptr));
+  body += jsonField("camera", camera ? cameraJson(*camera, readout_s) : Json(nullptr));
   body += jsonList("markers", posed) + ",\n";
   body += jsonList("unposed_markers", unposed) + ",\n";
   body += jsonList("keyframes", keyframes) + "}\n";

@@ -16,6 +16,8 @@ struct MapFile {
   slam::Map map;
   // What the keyframes were taken with; a map without keyframes may have none.
   std::optional<slam::Calibration> camera;
+  // First to last row of that camera, seconds; 0 for a global shutter.
+  double readout_s = 0.0;
   // False when the file has no checksum: somebody edited it and took the line out.
   bool has_checksum = true;
 };
@@ -25,7 +27,8 @@ struct MapFile {
 // maps, equal bytes; and a map that was read gives the bytes it was read from.
 // Precondition: all numbers are finite; a map with keyframes has a camera.
 [[nodiscard]] std::string formatMap(const slam::Map& map,
-                                    const std::optional<slam::Calibration>& camera);
+                                    const std::optional<slam::Calibration>& camera,
+                                    double readout_s = 0.0);
 
 // Checks the checksum, every type, number and reference. The error is one line: file, place,
 // reason.

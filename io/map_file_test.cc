@@ -57,9 +57,11 @@ slam::Map sampleMap() {
   keyframe.sequence = 120;
   keyframe.monotonic_ns = 1'500'000'001;
   keyframe.T_w_c = slam::Transform{}.retract(-delta);
+  keyframe.twist << 0.1, 0.2, 0.3, -0.1, 0.5, 1.0 / 3.0;
   keyframe.detections = {seven, nine};
   map.addKeyframe(keyframe);
   keyframe.id = 6;
+  keyframe.twist.setZero();
   keyframe.sequence = 18'000'000'000'000'000'000U;
   keyframe.monotonic_ns = -5;
   keyframe.detections = {seven};
@@ -144,6 +146,7 @@ TEST(MapFile, EverythingReadsBack) {
     EXPECT_EQ(back.sequence, keyframe.sequence);
     EXPECT_EQ(back.monotonic_ns, keyframe.monotonic_ns);
     EXPECT_EQ(back.T_w_c.p, keyframe.T_w_c.p);
+    EXPECT_EQ(back.twist, keyframe.twist);
     ASSERT_EQ(back.detections.size(), keyframe.detections.size());
     for (std::size_t i = 0; i < back.detections.size(); ++i) {
       EXPECT_EQ(back.detections[i].id, keyframe.detections[i].id);
@@ -161,6 +164,23 @@ TEST(MapFile, SavingWhatWasLoadedGivesTheSameBytes) {
   const Result<MapFile> file = parseMap(text, "m.json");
   ASSERT_TRUE(file) << file.error().message;
   EXPECT_EQ(formatMap(file->map, file->camera), text);
+}
+
+// What a rolling shutter does to the corners is done again when the map is read.
+TEST(MapFile, RollingShutter) {
+  slam::Map map = sampleMap();
+  map.marker(7).T_w_m->p = map.keyframes().at(4).T_w_c * Eigen::Vector3d(0.0, 0.0, 2.0);
+  map.undistortAgain(slam::CameraModel(kCamera), 0.02);
+  const std::string text = formatMap(map, kCamera, 0.02);
+  const Result<MapFile> file = parseMap(text, "m.json");
+  ASSERT_TRUE(file) << file.error().message;
+  EXPECT_EQ(file->readout_s, 0.02);
+  EXPECT_EQ(formatMap(file->map, file->camera, file->readout_s), text);
+  const auto corner = [](const slam::Map& m) {
+    return m.keyframes().at(4).detections[0].normalised[0];
+  };
+  EXPECT_LT((corner(file->map) - corner(map)).norm(), 1e-9);
+  EXPECT_GT((corner(map) - corner(sampleMap())).norm(), 1e-6);
 }
 
 TEST(MapFile, MapsWithoutCameraOrAnything) {
@@ -213,6 +233,8 @@ TEST(MapFile, FaultsNameFilePlaceAndReason) {
       {[](auto& j) { j["camera"]["fx"] = -1.0; }, "m.json: camera: focal lengths must be pos"},
       {[](auto& j) { j["camera"] = nullptr; }, "m.json: camera: must be there: keyframes are"},
       {[](auto& j) { j["camera"]["distortion_model"] = "odd"; }, "camera.distortion_model: must"},
+      {[](auto& j) { j["camera"]["readout_s"] = -1; }, "camera.readout_s: must not be negative"},
+      {[](auto& j) { j["keyframes"][0]["twist"].erase(0); }, "keyframes[0].twist: must be a list"},
       {[](auto& j) { j["camera"]["distortion"].erase(7); }, "camera.distortion: must be a list"},
       {[](auto& j) { j.erase("markers"); }, "m.json: markers: is missing"},
       {[](auto& j) { j["markers"][1]["id"] = 3; }, "markers[1].id: the marker 3 occurs twice"},

@@ -29,7 +29,16 @@ Status checkMarkers(const slam::Map& map, const OldMapUse& use) {
   return success();
 }
 
+bool sameCamera(const slam::Calibration& a, const slam::Calibration& b) {
+  const std::optional<double> difference_px = largestLensDifference_px(a, b);
+  return difference_px && *difference_px <= kWorstDifferencePerWidth * a.width;
+}
+
 }  // namespace
+
+void adoptReadout(const OldMap& map, slam::Options* options) {
+  if (!options->shutter.readout_s) options->shutter.readout_s = map.readout_s;
+}
 
 std::optional<double> largestLensDifference_px(const slam::Calibration& a,
                                                const slam::Calibration& b) {
@@ -57,12 +66,12 @@ Result<std::optional<std::string>> changeCamera(const slam::Calibration& camera,
   const std::optional<double> difference_px = largestLensDifference_px(*before, camera);
   if (!difference_px) return Error{"camera: has another image size or lens model"};
   const std::string apart = "up to " + fixed(*difference_px, 2) + " px apart";
-  if (!(*difference_px <= kWorstDifferencePerWidth * camera.width)) {
+  if (!sameCamera(*before, camera)) {
     return Error{"camera: is another one, or badly calibrated: " + apart};
   }
   constexpr double kRounding_px = 1e-6;
   if (*difference_px < kRounding_px) return none;
-  map->map.undistortAgain(slam::CameraModel(camera));
+  map->map.undistortAgain(slam::CameraModel(camera), map->readout_s);
   return std::optional("camera: was calibrated differently, " + apart +
                        "; its corners are undistorted anew");
 }
@@ -72,11 +81,14 @@ Result<OldMap> readOldMap(const std::filesystem::path& path, const OldMapUse& us
   if (!text) return text.error();
   Result<MapFile> file = parseMap(*text, path);
   if (!file) return file.error();
-  OldMap old{std::move(file).value(), std::move(text).value(), {}};
+  OldMap old{std::move(file).value(), std::move(text).value(), {}, std::nullopt};
   const std::string name = path.string() + ": ";
   if (!old.file.has_checksum) old.warnings.push_back(name + "has no checksum: taken as it is");
   if (const Status fits = checkMarkers(old.file.map, use); !fits) {
     return Error{name + fits.error().message};
+  }
+  if (old.file.readout_s > 0.0 && sameCamera(*old.file.camera, use.camera)) {
+    old.readout_s = old.file.readout_s;
   }
   if (use.localise_only) return old;
   const auto changed = changeCamera(use.camera, &old.file);

@@ -10,6 +10,7 @@
 #include "io/map_file.h"
 #include "slam/geometry/camera_model.h"
 #include "slam/map/marker_options.h"
+#include "slam/options.h"
 
 namespace waymark::io {
 
@@ -25,12 +26,17 @@ struct OldMap {
   MapFile file;
   std::string text;                   // of the file, byte for byte
   std::vector<std::string> warnings;  // each names the file
+  // Of the camera's rolling shutter, seconds, where the map knows it and its camera is this one.
+  std::optional<double> readout_s;
 };
 
 // Another dictionary, another size of a marker and, where the map is to grow, another camera are
 // errors. A camera that was only calibrated again (same image size and model, nowhere more than 1 %
 // of the image's width apart) is a warning: the map's corners are then undistorted anew.
 [[nodiscard]] Result<OldMap> readOldMap(const std::filesystem::path& path, const OldMapUse& use);
+
+// The readout time that the map has learned, unless the options give one.
+void adoptReadout(const OldMap& map, slam::Options* options);
 
 // The farthest that two calibrations put one ray apart anywhere in the image, pixels. Empty for
 // cameras that cannot be one: other image sizes or lens models.

@@ -1,6 +1,7 @@
 #include "io/recorded_detections.h"
 
 #include <algorithm>
+#include <array>
 #include <map>
 #include <optional>
 #include <string>
@@ -36,16 +37,33 @@ Status forEachLine(const fs::path& path, const Parse& parse) {
   return success();
 }
 
+// Of the four corners, square pixels.
+using Covariances = std::array<Eigen::Matrix2d, 4>;
+
+constexpr std::size_t kFieldsOfCorners = 11;
+constexpr std::size_t kFieldsWithCovariances = 23;
+constexpr const char* kCornerFields = "t,id,hamming,x0,y0,x1,y1,x2,y2,x3,y3";
+constexpr const char* kCovarianceFields = "xx0,xy0,yy0,...,xx3,xy3,yy3";
+
+// The file's corners go bottom-left, bottom-right, top-right, top-left: ours backwards.
+constexpr std::size_t ourCorner(std::size_t file_corner) { return 3 - file_corner; }
+
+// d pixel / d normalised.
+Eigen::Matrix2d lensJacobian(const slam::CameraModel& camera, const Eigen::Vector2d& normalised) {
+  Eigen::Matrix2d J;
+  static_cast<void>(camera.distort(normalised, &J));
+  return J;
+}
+
 // False when a corner lies outside the lens's range.
-bool undistort(const slam::CameraModel& camera, double sigma_px, slam::MarkerDetection* detection) {
+bool undistort(const slam::CameraModel& camera, const Covariances& covariances_px2,
+               slam::MarkerDetection* detection) {
   for (std::size_t i = 0; i < 4; ++i) {
     const auto normalised = camera.undistort(detection->pixels[i]);
     if (!normalised) return false;
-    Eigen::Matrix2d J;  // pixel by normalised
-    static_cast<void>(camera.distort(*normalised, &J));
-    const Eigen::Matrix2d J_inverse = J.inverse();
+    const Eigen::Matrix2d J_inverse = lensJacobian(camera, *normalised).inverse();
     detection->normalised[i] = *normalised;
-    detection->covariance[i] = sigma_px * sigma_px * J_inverse * J_inverse.transpose();
+    detection->covariance[i] = J_inverse * covariances_px2[i] * J_inverse.transpose();
   }
   return true;
 }
@@ -53,13 +71,32 @@ bool undistort(const slam::CameraModel& camera, double sigma_px, slam::MarkerDet
 struct Line {
   std::int64_t time_ns = 0;
   slam::MarkerDetection detection;
+  std::optional<Covariances> covariances_px2;
 };
+
+// The twelve fields after the corners. The fault names the first corner that has none.
+std::optional<Covariances> parseCovariances(std::span<const std::string_view> fields,
+                                            std::string* fault) {
+  Covariances covariances_px2;
+  for (std::size_t i = 0; i < 4; ++i) {
+    const auto xx = parseDouble(fields[3 * i]);
+    const auto xy = parseDouble(fields[3 * i + 1]);
+    const auto yy = parseDouble(fields[3 * i + 2]);
+    if (!xx || !xy || !yy || !(*xx > 0.0) || !(*xx * *yy > *xy * *xy)) {
+      *fault = "covariance of corner " + std::to_string(i) +
+               " is not three numbers xx, xy, yy of a positive definite matrix";
+      return std::nullopt;
+    }
+    covariances_px2[ourCorner(i)] << *xx, *xy, *xy, *yy;
+  }
+  return covariances_px2;
+}
 
 std::optional<Line> parseDetection(std::string_view text, std::string* fault) {
   const std::vector<std::string_view> fields = split(text, ',');
-  if (fields.size() != 11) {
-    *fault = "has " + std::to_string(fields.size()) +
-             " fields, must be 11: t,id,hamming,x0,y0,x1,y1,x2,y2,x3,y3";
+  if (fields.size() != kFieldsOfCorners && fields.size() != kFieldsWithCovariances) {
+    *fault = "has " + std::to_string(fields.size()) + " fields, must be 11: " + kCornerFields +
+             ", or 23: the same and " + kCovarianceFields;
     return std::nullopt;
   }
   const auto time_ns = parseSeconds(fields[0]);
@@ -69,7 +106,7 @@ std::optional<Line> parseDetection(std::string_view text, std::string* fault) {
     *fault = "must begin with a time in seconds, an id and a number of corrected bits";
     return std::nullopt;
   }
-  Line line{*time_ns, {}};
+  Line line{*time_ns, {}, std::nullopt};
   line.detection.id = *id;
   line.detection.hamming = *hamming;
   for (std::size_t i = 0; i < 4; ++i) {
@@ -79,10 +116,34 @@ std::optional<Line> parseDetection(std::string_view text, std::string* fault) {
       *fault = "corner " + std::to_string(i) + " is not two finite numbers";
       return std::nullopt;
     }
-    // Bottom-left, bottom-right, top-right, top-left: ours backwards.
-    line.detection.pixels[3 - i] = {*x, *y};
+    line.detection.pixels[ourCorner(i)] = {*x, *y};
+  }
+  if (fields.size() == kFieldsWithCovariances) {
+    line.covariances_px2 = parseCovariances(std::span(fields).subspan(kFieldsOfCorners), fault);
+    if (!line.covariances_px2) return std::nullopt;
   }
   return line;
+}
+
+std::string formatDetection(std::int64_t time_ns, const slam::MarkerDetection& detection,
+                            const slam::CameraModel& camera) {
+  std::string line = formatSeconds(time_ns) + "," + std::to_string(detection.id) + "," +
+                     std::to_string(detection.hamming);
+  const auto append = [&line](double value) { line += "," + roundTrip(value); };
+  for (std::size_t i = 0; i < 4; ++i) {
+    const Eigen::Vector2d& pixel = detection.pixels[ourCorner(i)];
+    append(pixel.x());
+    append(pixel.y());
+  }
+  for (std::size_t i = 0; i < 4; ++i) {
+    const std::size_t corner = ourCorner(i);
+    const Eigen::Matrix2d J = lensJacobian(camera, detection.normalised[corner]);
+    const Eigen::Matrix2d covariance_px2 = J * detection.covariance[corner] * J.transpose();
+    append(covariance_px2(0, 0));
+    append(covariance_px2(0, 1));
+    append(covariance_px2(1, 1));
+  }
+  return line + "\n";
 }
 
 }  // namespace
@@ -90,6 +151,9 @@ std::optional<Line> parseDetection(std::string_view text, std::string* fault) {
 Result<RecordedDetections> readRecordedDetections(const fs::path& path,
                                                   const slam::CameraModel& camera,
                                                   const RecordedDetectionsOptions& options) {
+  const Eigen::Matrix2d isotropic_px2 =
+      options.corner_sigma_px * options.corner_sigma_px * Eigen::Matrix2d::Identity();
+  const Covariances unknown_px2 = {isotropic_px2, isotropic_px2, isotropic_px2, isotropic_px2};
   RecordedDetections recorded;
   FramesByTime frames;
   const fs::path times = path.parent_path() / "frames.csv";
@@ -112,7 +176,7 @@ Result<RecordedDetections> readRecordedDetections(const fs::path& path,
       return "time " + formatSeconds(line->time_ns) + " is not in " + times.string();
     }
     std::vector<slam::MarkerDetection>& frame = frames[line->time_ns];
-    if (undistort(camera, options.corner_sigma_px, &line->detection)) {
+    if (undistort(camera, line->covariances_px2.value_or(unknown_px2), &line->detection)) {
       frame.push_back(line->detection);
     } else {
       ++recorded.outside_lens;
@@ -127,6 +191,25 @@ Result<RecordedDetections> readRecordedDetections(const fs::path& path,
   }
   if (recorded.frames.empty()) return Error{path.string() + ": has no frames"};
   return recorded;
+}
+
+std::string formatRecordedDetections(std::span<const RecordedFrame> frames,
+                                     const slam::CameraModel& camera) {
+  std::string text = std::string("# ") + kCornerFields + "," + kCovarianceFields +
+                     ": seconds, pixels, square pixels; corners bottom-left, bottom-right, "
+                     "top-right, top-left\n";
+  for (const RecordedFrame& frame : frames) {
+    for (const slam::MarkerDetection& detection : frame.detections) {
+      text += formatDetection(frame.time_ns, detection, camera);
+    }
+  }
+  return text;
+}
+
+std::string formatFrameTimes(std::span<const RecordedFrame> frames) {
+  std::string text = "# t: seconds, of every frame, also those without a marker\n";
+  for (const RecordedFrame& frame : frames) text += formatSeconds(frame.time_ns) + "\n";
+  return text;
 }
 
 }  // namespace waymark::io

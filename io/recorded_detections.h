@@ -1,8 +1,10 @@
-// Marker corners that somebody else's detector found and recorded, instead of images.
+// Marker corners on file instead of images: what somebody else's detector found, or ours.
 #pragma once
 
 #include <cstdint>
 #include <filesystem>
+#include <span>
+#include <string>
 #include <vector>
 
 #include "base/result.h"
@@ -17,8 +19,8 @@ struct RecordedFrame {
 };
 
 struct RecordedDetectionsOptions {
-  // How well a recorded corner is known, pixels (one sigma, each direction). The files do not say;
-  // 0.3 is what detectors without a line fit reach on real images.
+  // How well a recorded corner is known where the file does not say, pixels (one sigma, each
+  // direction); 0.3 is what detectors without a line fit reach on real images.
   double corner_sigma_px = 0.3;
 };
 
@@ -29,11 +31,19 @@ struct RecordedDetections {
 
 // `path` has lines "t,id,hamming,x0,y0,...,x3,y3": seconds, and corners in pixels counted from
 // pixel centres, in AprilTag's order (bottom-left, bottom-right, top-right, top-left of the upright
-// tag);
-// '#' begins a comment. A frames.csv beside it, one time a line, names all frames, also those
-// without a marker; without it, frames are the times that occur. Errors name the file and the line.
+// tag); '#' begins a comment. A line may go on with the corners' covariances in square pixels,
+// "xx0,xy0,yy0,...,xx3,xy3,yy3", in the same order. A frames.csv beside it, one time a line, names
+// all frames, also those without a marker; without it, frames are the times that occur. Errors name
+// the file and the line.
 [[nodiscard]] Result<RecordedDetections> readRecordedDetections(
     const std::filesystem::path& path, const slam::CameraModel& camera,
     const RecordedDetectionsOptions& options = {});
+
+// The text of such a file, with covariances; every number reads back as it was. The camera is the
+// one the frames were taken with.
+[[nodiscard]] std::string formatRecordedDetections(std::span<const RecordedFrame> frames,
+                                                   const slam::CameraModel& camera);
+// The text of the frames.csv to it.
+[[nodiscard]] std::string formatFrameTimes(std::span<const RecordedFrame> frames);
 
 }  // namespace waymark::io

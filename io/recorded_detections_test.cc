@@ -1,6 +1,8 @@
 #include "io/recorded_detections.h"
 
+#include <random>
 #include <string>
+#include <vector>
 
 #include <gtest/gtest.h>
 
@@ -64,6 +66,74 @@ TEST(RecordedDetections, FramesCsvNamesAlsoTheEmptyOnes) {
   EXPECT_EQ(recorded->frames[1].detections.size(), 1U);
 }
 
+// Detections as the detector makes them: sub-pixel corners, a covariance of its own for each.
+std::vector<RecordedFrame> someFrames(const slam::CameraModel& camera) {
+  std::mt19937 rng(7);
+  std::uniform_real_distribution<double> away(-3.0, 3.0);
+  std::vector<RecordedFrame> frames = {{-1'000'000'001, {}}, {0, {}}, {33'333'333, {}}};
+  for (const std::size_t frame : {0U, 2U}) {
+    for (const int id : {3, 8}) {
+      slam::MarkerDetection detection;
+      detection.id = id;
+      detection.hamming = id == 8 ? 1 : 0;
+      for (std::size_t k = 0; k < 4; ++k) {
+        const Eigen::Vector2d corner(200.0 + 30.0 * id + 60.0 * static_cast<double>(k % 2),
+                                     120.0 + 70.0 * static_cast<double>(k / 2));
+        detection.normalised[k] = *camera.undistort(corner + Eigen::Vector2d(away(rng), away(rng)));
+        detection.pixels[k] = camera.distort(detection.normalised[k]);
+        Eigen::Matrix2d root;
+        root << 1e-4, 0.0, 3e-5 * away(rng), 2e-4;
+        detection.covariance[k] = root * root.transpose();
+      }
+      frames[frame].detections.push_back(detection);
+    }
+  }
+  return frames;
+}
+
+TEST(RecordedDetections, WhatWasWrittenReadsBack) {
+  const TemporaryDirectory directory;
+  const std::vector<RecordedFrame> written = someFrames(camera());
+  ASSERT_TRUE(
+      writeTextFile(directory / "detections.csv", formatRecordedDetections(written, camera()))
+          .ok());
+  ASSERT_TRUE(writeTextFile(directory / "frames.csv", formatFrameTimes(written)).ok());
+  const auto read = readRecordedDetections(directory / "detections.csv", camera());
+  ASSERT_TRUE(read.ok()) << read.error().message;
+  ASSERT_EQ(read->frames.size(), written.size());
+  for (std::size_t f = 0; f < written.size(); ++f) {
+    EXPECT_EQ(read->frames[f].time_ns, written[f].time_ns);
+    ASSERT_EQ(read->frames[f].detections.size(), written[f].detections.size());
+    for (std::size_t d = 0; d < written[f].detections.size(); ++d) {
+      const slam::MarkerDetection& was = written[f].detections[d];
+      const slam::MarkerDetection& is = read->frames[f].detections[d];
+      EXPECT_EQ(is.id, was.id);
+      EXPECT_EQ(is.hamming, was.hamming);
+      for (std::size_t k = 0; k < 4; ++k) {
+        EXPECT_EQ(is.pixels[k], was.pixels[k]);
+        EXPECT_LT((is.normalised[k] - was.normalised[k]).norm(), 1e-9);
+        EXPECT_LT((is.covariance[k] - was.covariance[k]).norm(), 1e-7 * was.covariance[k].norm());
+      }
+    }
+  }
+}
+
+TEST(RecordedDetections, CovariancesAreOfTheCornerTheyAreWrittenFor) {
+  const TemporaryDirectory directory;
+  // At the principal point a pixel is 1 / 500, and the lens does nothing.
+  ASSERT_TRUE(writeTextFile(directory / "detections.csv",
+                            "1,4,0,320,240,330,240,330,230,320,230,"
+                            "0.04,0.01,0.09,1,0,1,1,0,1,1,0,1\n")
+                  .ok());
+  const auto recorded = readRecordedDetections(directory / "detections.csv", camera());
+  ASSERT_TRUE(recorded.ok()) << recorded.error().message;
+  const Eigen::Matrix2d bottom_left = recorded->frames[0].detections[0].covariance[3];
+  EXPECT_NEAR(bottom_left(0, 0), 0.04 / 250'000.0, 1e-15);
+  EXPECT_NEAR(bottom_left(0, 1), 0.01 / 250'000.0, 1e-15);
+  EXPECT_NEAR(bottom_left(1, 0), 0.01 / 250'000.0, 1e-15);
+  EXPECT_NEAR(bottom_left(1, 1), 0.09 / 250'000.0, 1e-15);
+}
+
 TEST(RecordedDetections, FaultsNameTheLine) {
   const TemporaryDirectory directory;
   ASSERT_TRUE(writeTextFile(directory / "frames.csv", "1\n").ok());
@@ -72,7 +142,14 @@ TEST(RecordedDetections, FaultsNameTheLine) {
         std::pair{"\nnow,4,0,1,1,2,1,2,0,1,0\n", ":2: must begin with a time"},
         std::pair{"1,x,0,1,1,2,1,2,0,1,0\n", ":1: must begin with a time"},
         std::pair{"1,4,0,1,1,2,1,nan,0,1,0\n", ":1: corner 2 is not two finite numbers"},
-        std::pair{"2,4,0,1,1,2,1,2,0,1,0\n", ":1: time 2.000000000 is not in"}}) {
+        std::pair{"2,4,0,1,1,2,1,2,0,1,0\n", ":1: time 2.000000000 is not in"},
+        std::pair{"1,4,0,1,1,2,1,2,0,1,0,1,0,1\n", ":1: has 14 fields"},
+        std::pair{"1,4,0,1,1,2,1,2,0,1,0,1,0,1,1,0,1,1,2,1,1,0,1\n",
+                  ":1: covariance of corner 2 is not"},
+        std::pair{"1,4,0,1,1,2,1,2,0,1,0,1,0,1,-1,0,-1,1,0,1,1,0,1\n",
+                  ":1: covariance of corner 1 is not"},
+        std::pair{"1,4,0,1,1,2,1,2,0,1,0,1,0,1,1,0,1,1,0,1,1,0,wide\n",
+                  ":1: covariance of corner 3 is not"}}) {
     ASSERT_TRUE(writeTextFile(directory / "detections.csv", text).ok());
     const auto recorded = readRecordedDetections(directory / "detections.csv", camera());
     ASSERT_FALSE(recorded.ok()) << text;

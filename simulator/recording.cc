@@ -173,7 +173,7 @@ Status writeFrames(const Simulation& simulation, const RecordingOptions& options
   return success();
 }
 
-constexpr const char* kTruthFiles[] = {"calib.yml", "gt_traj.txt", "gt_map.json",
+constexpr const char* kTruthFiles[] = {"calib.yml", "gt_traj.txt", "gt_map.json", "gt_visible.csv",
                                        "simulation.json"};
 
 void removeTruth(const fs::path& directory) {
@@ -184,6 +184,10 @@ void removeTruth(const fs::path& directory) {
 Status writeTruth(const Simulation& simulation, const fs::path& directory) {
   Status status = writeStaticTruth(directory, simulation);
   if (status) status = io::writeTrajectory(directory / "gt_traj.txt", trueTrajectory(simulation));
+  if (status) {
+    status = io::writeTextFile(directory / "gt_visible.csv",
+                               io::formatVisibleMarkers(trueVisibility(simulation)));
+  }
   if (status) status = io::writeTextFile(directory / "simulation.json", optionsText(simulation));
   if (!status) removeTruth(directory);
   return status;
@@ -210,6 +214,14 @@ Status record(const Simulation& simulation, const RecordingOptions& options) {
     if (!status) removeTruth(options.directory);
   }
   sink.reset();
+  if (status) directory.keep();
+  return status;
+}
+
+Status recordTruth(const Simulation& simulation, const fs::path& path) {
+  Directory directory(path);
+  if (Status status = directory.open(); !status) return status;
+  Status status = writeTruth(simulation, path);
   if (status) directory.keep();
   return status;
 }

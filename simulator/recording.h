@@ -18,8 +18,13 @@ struct RecordingOptions {
   std::function<void(std::int64_t frames_done)> progress;
 };
 
-// Writes the frames, calib.yml, gt_traj.txt, gt_map.json and simulation.json (the options used). On
-// failure it leaves behind nothing of what it wrote; the Error names the file and the reason.
+// Writes the frames, calib.yml, gt_traj.txt, gt_map.json, gt_visible.csv and simulation.json (the
+// options used). On failure it leaves behind nothing of what it wrote; the Error names the file and
+// the reason.
 [[nodiscard]] Status record(const Simulation& simulation, const RecordingOptions& options);
+
+// The same without the frames: the truth alone, in moments.
+[[nodiscard]] Status recordTruth(const Simulation& simulation,
+                                 const std::filesystem::path& directory);
 
 }  // namespace waymark::simulator

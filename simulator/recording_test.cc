@@ -1,8 +1,10 @@
 #include "simulator/recording.h"
 
 #include <algorithm>
+#include <cmath>
 #include <filesystem>
 #include <fstream>
+#include <map>
 #include <memory>
 #include <string>
 #include <utility>
@@ -14,7 +16,9 @@
 #include <opencv2/imgproc.hpp>
 #include <opencv2/videoio.hpp>
 
+#include "io/text_file.h"
 #include "io/trajectory.h"
+#include "simulator/truth_files.h"
 #include "slam/detection/marker_detection.h"
 #include "tests/temporary_directory.h"
 
@@ -121,6 +125,39 @@ TEST_F(RecordingTest, TruthFilesSayWhatWasSimulated) {
   const auto used = nlohmann::json::parse(std::ifstream(directory_ / "simulation.json"));
   EXPECT_EQ(used["doubled_id"], 7);
   EXPECT_EQ(used["rate_hz"], 60.0);
+}
+
+TEST_F(RecordingTest, TheTruthAloneIsTheSame) {
+  ASSERT_TRUE(record(*simulation_, {.directory = directory_, .progress = {}}).ok());
+  const fs::path alone = temporary_ / "truth";
+  const Status status = recordTruth(*simulation_, alone);
+  ASSERT_TRUE(status.ok()) << status.error().message;
+  EXPECT_FALSE(fs::exists(alone / "frames.avi"));
+  for (const char* file :
+       {"calib.yml", "gt_traj.txt", "gt_map.json", "gt_visible.csv", "simulation.json"}) {
+    EXPECT_EQ(*io::readTextFile(alone / file), *io::readTextFile(directory_ / file)) << file;
+  }
+}
+
+// By frame: what visibleMarkers() says, at the size it has in the image; nothing in the dark.
+TEST_F(RecordingTest, VisibilityFollowsCameraAndLight) {
+  Options options = simulation_->options();
+  options.blackouts = {{2.5 / 60.0, 4.5 / 60.0}};  // frames 3 and 4
+  const auto dark = Simulation::create(options, Ending::kOfTheScene);
+  ASSERT_TRUE(dark.ok());
+  std::map<std::int64_t, std::size_t> count;
+  for (const io::VisibleMarker& marker : trueVisibility(**dark)) {
+    ++count[marker.time_ns];
+    // 12.3 cm at 1 to 5 m and 256 pixels' focal length, seen at up to 60 degrees.
+    EXPECT_GT(marker.side_px, 3.0);
+    EXPECT_LT(marker.side_px, 35.0);
+  }
+  for (std::int64_t k = 0; k < 6; ++k) {
+    EXPECT_EQ((*dark)->isDark(k), k == 3 || k == 4);
+    const std::size_t seen = (*dark)->visibleMarkers(k).size();
+    EXPECT_GT(seen, 0U);
+    EXPECT_EQ(count[std::llround(1e9 * (*dark)->timeOf(k))], (*dark)->isDark(k) ? 0 : seen);
+  }
 }
 
 TEST_F(RecordingTest, LeavesNothingBehindWhereItCannotWrite) {

@@ -46,6 +46,9 @@ class Simulation {
   [[nodiscard]] const std::vector<Marker>& markers() const { return scene_.markers; }
   [[nodiscard]] std::vector<Marker> markersAt(std::int64_t frame) const;
 
+  // Within a blackout, or dimmed to nothing.
+  [[nodiscard]] bool isDark(std::int64_t frame) const { return lightAt(timeOf(frame)) <= 0.0F; }
+
   // Markers whose paper is wholly in the image, facing the camera, with nothing in between.
   [[nodiscard]] std::vector<Marker> visibleMarkers(std::int64_t frame) const;
 

@@ -1,6 +1,9 @@
 #include "simulator/truth_files.h"
 
+#include <algorithm>
+#include <array>
 #include <cmath>
+#include <cstddef>
 #include <set>
 #include <string>
 
@@ -27,6 +30,30 @@ io::Trajectory trueTrajectory(const Simulation& simulation) {
     trajectory.push_back({std::llround(1e9 * simulation.timeOf(k)), simulation.poseAt(k)});
   }
   return trajectory;
+}
+
+std::vector<io::VisibleMarker> trueVisibility(const Simulation& simulation) {
+  const slam::CameraModel camera(simulation.camera());
+  std::vector<io::VisibleMarker> visible;
+  for (std::int64_t k = 0; k < simulation.frameCount(); ++k) {
+    if (simulation.isDark(k)) continue;
+    const slam::Transform T_c_w = simulation.poseAt(k).inverse();
+    for (const Marker& marker : simulation.visibleMarkers(k)) {
+      const auto corners = slam::markerCorners(marker.size_m);
+      std::array<Eigen::Vector2d, 4> pixels;
+      std::transform(corners.begin(), corners.end(), pixels.begin(),
+                     [&](const Eigen::Vector3d& p_m) {
+                       // Has a value: the whole paper is in the image.
+                       return camera.project(T_c_w * (marker.T_w_m * p_m)).value();
+                     });
+      double side_px = (pixels[0] - pixels[3]).norm();
+      for (std::size_t i = 1; i < 4; ++i) {
+        side_px = std::min(side_px, (pixels[i] - pixels[i - 1]).norm());
+      }
+      visible.push_back({std::llround(1e9 * simulation.timeOf(k)), marker.id, side_px});
+    }
+  }
+  return visible;
 }
 
 Status writeStaticTruth(const std::filesystem::path& directory, const Simulation& simulation) {

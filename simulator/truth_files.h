@@ -1,5 +1,5 @@
-// The truth as files, in the formats of the recordings: calib.yml (OpenCV FileStorage), gt_map.json
-// and gt_traj.txt (TUM: camera in world).
+// The truth as files, in the formats of the recordings: calib.yml (OpenCV FileStorage),
+// gt_map.json, gt_traj.txt (TUM: camera in world) and gt_visible.csv (what is in view).
 #pragma once
 
 #include <filesystem>
@@ -8,6 +8,7 @@
 #include "base/result.h"
 #include "io/map_file.h"
 #include "io/trajectory.h"
+#include "io/visible_markers.h"
 #include "simulator/simulation.h"
 
 namespace waymark::simulator {
@@ -17,6 +18,9 @@ namespace waymark::simulator {
 
 // The whole trajectory, frame k at k / rate.
 [[nodiscard]] io::Trajectory trueTrajectory(const Simulation& simulation);
+
+// Simulation::visibleMarkers() of every frame with light.
+[[nodiscard]] std::vector<io::VisibleMarker> trueVisibility(const Simulation& simulation);
 
 // calib.yml and gt_map.json: what is known before the first frame. An Error names the file and the
 // system's reason.

@@ -11,6 +11,7 @@
 #include "slam/mapping/mapper.h"
 #include "slam/marker_watch/marker_watch.h"
 #include "slam/optimisation/map_optimiser.h"
+#include "slam/rolling_shutter/rolling_shutter.h"
 #include "slam/tracking/tracker.h"
 
 namespace waymark::slam {
@@ -26,6 +27,7 @@ struct Options {
   MapperOptions mapper;
   LoopOptions loops;
   MarkerWatchOptions watch;
+  RollingShutterOptions shutter;
   BundleOptions global_optimisation{.max_iterations = 50, .min_relative_decrease = 1e-6};
   IntrinsicPriors intrinsics;
 

@@ -45,6 +45,8 @@ class Slam::Impl {
         tracker_(camera_.focalLength(), options.tracking),
         mapper_(options.markers, camera_.focalLength(), options.mapper),
         watch_(options.markers, options.watch),
+        readout_s_(options.shutter.readout_s.value_or(0.0)),
+        next_readout_keyframes_(options.shutter.first_keyframes),
         map_(std::move(map)) {
     map_.dictionary = detector_.dictionary().name();
   }
@@ -79,6 +81,7 @@ class Slam::Impl {
         const StageScope scope(observer, Stage::kMap);
         closeLoop(&sight, &result);
         updateMap(&sight, &result);
+        if (result.keyframe_added) learnReadout(&result);
       }
     }
     if (result.pose) ++counters_.localized;
@@ -94,14 +97,16 @@ class Slam::Impl {
   void optimiseMapAndLens() {
     if (!options_.mapping || map_.keyframes().empty()) return;
     (void)slam::optimiseGloballyWithIntrinsics(&map_, options_.markers, options_.intrinsics,
-                                               options_.global_optimisation, &camera_);
+                                               readout_s_, options_.global_optimisation, &camera_);
   }
 
   [[nodiscard]] std::optional<PoseEstimate> localize(std::span<const MarkerDetection> detections,
-                                                     const Transform& guess) const {
+                                                     const Transform& guess,
+                                                     const Vector6d& twist) const {
     Counters uncounted;
     MarkerWatch watch(options_.markers, options_.watch);
-    const auto usable = watch.screen(detections, camera_, map_, &uncounted);
+    std::vector<MarkerDetection> usable = watch.screen(detections, camera_, map_, &uncounted);
+    deskew(guess, twist, &usable);
     const std::vector<KnownMarker> known = knownMarkers(map_, usable);
     const PoseOptimiser& optimiser = tracker_.optimiser();
     auto solution = optimiser.optimise(known, guess);
@@ -111,40 +116,63 @@ class Slam::Impl {
           relocalise(known, optimiser, camera_.focalLength(), options_.tracking.relocalisation);
     }
     if (!solution || !optimiser.acceptable(*solution)) return std::nullopt;
-    return estimateOf(*solution, known);
+    return estimateOf(*solution, known, twist);
   }
 
   [[nodiscard]] const Map& map() const { return map_; }
   [[nodiscard]] const Counters& counters() const { return counters_; }
   [[nodiscard]] const CameraModel& camera() const { return camera_; }
+  [[nodiscard]] double readout_s() const { return readout_s_; }
 
  private:
   // What a frame shows, by what it is good for, and what has become of it so far.
   struct Sight {
     FrameTime time;
-    std::span<const MarkerDetection> detections;  // usable ones
-    SplitMarkers known;
-    PoseSolution solution;                 // of the eligible markers
+    std::vector<MarkerDetection> detections;  // usable ones, as at the middle row's time
+    SplitMarkers known;                       // pointing into `detections`
+    PoseSolution solution;                    // of the eligible markers
+    Twist twist = Twist::Zero();
     std::vector<MarkerDetection> fitting;  // those that agree with the pose, sorted by id
     bool closes_loop = false;
   };
 
-  [[nodiscard]] Sight look(std::span<const MarkerDetection> usable, const FrameTime& time) const {
+  [[nodiscard]] Sight look(std::vector<MarkerDetection> usable, const FrameTime& time) const {
     Sight sight;
     sight.time = time;
-    sight.detections = usable;
-    sight.known = loop_detector_.split(knownMarkers(map_, usable));
-    // Nothing eligible: not a closing loop, but another place. Relocalise there.
-    if (sight.known.eligible.empty()) std::swap(sight.known.eligible, sight.known.loop);
+    sight.detections = std::move(usable);
+    if (const auto predicted = tracker_.predict(time.monotonic_ns)) {
+      deskew(*predicted, tracker_.twistTo(*predicted, time.monotonic_ns), &sight.detections);
+    }
+    split(&sight);
     return sight;
   }
 
+  void split(Sight* sight) const {
+    sight->known = loop_detector_.split(knownMarkers(map_, sight->detections));
+    // Nothing eligible: not a closing loop, but another place. Relocalise there.
+    if (sight->known.eligible.empty()) std::swap(sight->known.eligible, sight->known.loop);
+  }
+
+  // Moves the corners to where a global shutter would have seen them.
+  void deskew(const Transform& T_w_c, const Twist& twist,
+              std::vector<MarkerDetection>* detections) const {
+    if (readout_s_ == 0.0) return;
+    for (MarkerDetection& detection : *detections) {
+      const MapMarker* marker = map_.findPosed(detection.id);
+      const double size_m = options_.markers.sizeOf(detection.id);
+      const auto known =
+          marker != nullptr ? depthFromPose(T_w_c, *marker->T_w_m, size_m) : std::nullopt;
+      detection = atMidFrame(detection, camera_, twist,
+                             known ? *known : depthFromSize(detection, size_m), readout_s_);
+    }
+  }
+
   [[nodiscard]] static Keyframe frameOf(const Sight& sight, const Transform& T_w_c) {
-    return {-1, sight.time.sequence, sight.time.monotonic_ns, T_w_c, sight.fitting};
+    return {-1, sight.time.sequence, sight.time.monotonic_ns, T_w_c, sight.twist, sight.fitting};
   }
 
   // Section 4.1.
-  void initialise(std::span<const MarkerDetection> usable, const FrameTime& time,
+  void initialise(const std::vector<MarkerDetection>& usable, const FrameTime& time,
                   FrameResult* result) {
     result->state = TrackingState::kInitializing;
     if (!options_.mapping) {
@@ -152,7 +180,7 @@ class Slam::Impl {
       return;
     }
     const auto start = initialiser_.process(
-        {-1, time.sequence, time.monotonic_ns, Transform{}, {usable.begin(), usable.end()}});
+        {-1, time.sequence, time.monotonic_ns, Transform{}, Twist::Zero(), usable});
     if (!start) {
       result->reason = initialiser_.reason();
       return;
@@ -162,7 +190,7 @@ class Slam::Impl {
     const std::vector<KnownMarker> known = knownMarkers(map_, usable);
     const auto solution = tracker_.optimiser().optimise(known, T_w_c);
     if (!solution) return;
-    result->pose = estimateOf(*solution, known);
+    result->pose = estimateOf(*solution, known, Twist::Zero());
     result->pose->T_w_c = T_w_c;  // of a keyframe: by definition of the world, or as optimised
     result->state = TrackingState::kTracking;
     tracker_.commit(T_w_c, time.monotonic_ns);
@@ -171,34 +199,47 @@ class Slam::Impl {
   // Sections 4.3 and 4.8, with the eligible markers only (Eq. 36).
   void track(Sight* sight, FrameResult* result) {
     result->state = TrackingState::kRelocalizing;
-    const std::vector<KnownMarker>& known = sight->known.eligible;
-    if (known.empty()) {
+    if (sight->known.eligible.empty()) {
       result->reason =
           sight->detections.empty() ? "no marker in view" : "no marker in view has a pose yet";
       loop_detector_.forget();
       return;
     }
-    auto tracked = tracker_.track(known, sight->time.monotonic_ns);
+    const std::int64_t now_ns = sight->time.monotonic_ns;
+    auto tracked = tracker_.track(sight->known.eligible, now_ns);
     if (!tracked && !sight->known.loop.empty()) {
       // Lost for what is near; but the map knows other markers in view.
       loop_detector_.forget();
-      *sight = look(sight->detections, sight->time);
-      tracked = tracker_.track(known, sight->time.monotonic_ns);
+      split(sight);
+      tracked = tracker_.track(sight->known.eligible, now_ns);
     }
     if (!tracked) {
       ++counters_.rejected_poses;
-      result->reason = known.size() == 1 ? "the only known marker in view is ambiguous"
-                                         : "the markers in view do not fit the map";
+      result->reason = sight->known.eligible.size() == 1
+                           ? "the only known marker in view is ambiguous"
+                           : "the markers in view do not fit the map";
       loop_detector_.forget();
       return;
     }
     if (tracked->prediction_refused) ++counters_.rejected_poses;
     if (tracked->method == TrackingMethod::kRelocalised) ++counters_.relocalizations;
     sight->solution = std::move(tracked->solution);
+    sight->twist = tracker_.twistTo(sight->solution.T_w_c, now_ns);
+    deskewAgain(sight);
     sortByFit(sight);
-    result->pose = estimateOf(sight->solution, known);
+    result->pose = estimateOf(sight->solution, sight->known.eligible, sight->twist);
     result->state = TrackingState::kTracking;
-    tracker_.commit(sight->solution.T_w_c, sight->time.monotonic_ns);
+    tracker_.commit(sight->solution.T_w_c, now_ns);
+  }
+
+  // With the velocity this frame has shown, instead of the predicted one.
+  void deskewAgain(Sight* sight) {
+    if (readout_s_ == 0.0) return;
+    deskew(sight->solution.T_w_c, sight->twist, &sight->detections);
+    auto better = tracker_.optimiser().optimise(sight->known.eligible, sight->solution.T_w_c);
+    if (!better || !tracker_.optimiser().acceptable(*better)) return;
+    sight->solution = std::move(*better);
+    sight->twist = tracker_.twistTo(sight->solution.T_w_c, sight->time.monotonic_ns);
   }
 
   // Fills `fitting` with the detections that agree with the pose, and with those the map has no
@@ -210,14 +251,36 @@ class Slam::Impl {
     const std::vector<KnownMarker>& known = sight->known.eligible;
     const bool others_agree = sight->solution.inliers >= 2;
     for (std::size_t i = 0; i < known.size(); ++i) {
-      const bool fits = sight->solution.inlier[i];
-      if (fits) sight->fitting.push_back(*known[i].detection);
-      if (!fits) ++counters_.rejected_markers;
+      if (sight->solution.inlier[i]) {
+        sight->fitting.push_back(*known[i].detection);
+      } else {
+        ++counters_.rejected_markers;
+      }
+      // A frame may be stricter than the map is sure of itself.
+      const bool fits = sight->solution.inlier[i] || fitsTheMap(known[i], sight->solution.T_w_c);
       if (fits || others_agree) {
         watch_.record(known[i].detection->id, fits, sight->time.monotonic_ns);
       }
     }
     sortById(&sight->fitting);
+  }
+
+  // A better readout time moves the corners of every keyframe, and so the map.
+  void learnReadout(FrameResult* result) {
+    const RollingShutterOptions& shutter = options_.shutter;
+    const int keyframes = static_cast<int>(map_.keyframes().size());
+    if (shutter.readout_s || keyframes < next_readout_keyframes_) return;
+    next_readout_keyframes_ = static_cast<int>(shutter.growth * keyframes) + 1;
+    Map optimised = map_;
+    const auto found = optimiseWithReadout(&optimised, options_.markers, readout_s_, camera_,
+                                           options_.loops.optimisation);
+    if (!found || !believable(found->readout_s, found->sigma_s, readout_s_, shutter)) return;
+    readout_s_ = found->readout_s;
+    map_ = std::move(optimised);
+    map_.undistortAgain(camera_, readout_s_);
+    const auto newest = map_.keyframes().rbegin();
+    if (result->keyframe_added) moveTo(newest->second.T_w_c, result);
+    result->map_changed = true;
   }
 
   // Section 4.9: markers in view that the neighbourhood does not know close a loop. With little
@@ -254,13 +317,19 @@ class Slam::Impl {
     result->map_changed = result->keyframe_added = true;
   }
 
-  // Ids of the loop markers that a pose explains; the watch hears of each.
-  std::vector<int> loopMarkersAt(const Transform& T_w_c, std::span<const KnownMarker> loop) const {
+  // Whether a pose explains the marker, given how well the map explains its own keyframes.
+  [[nodiscard]] bool fitsTheMap(const KnownMarker& marker, const Transform& T_w_c) const {
     const double worst = options_.tracking.pose.marker_chi2 * mapper_.noise() * mapper_.noise();
+    const auto chi2 = PoseOptimiser::markerChi2(marker, T_w_c);
+    return chi2 && *chi2 <= worst;
+  }
+
+  // Ids of the loop markers that a pose explains.
+  [[nodiscard]] std::vector<int> loopMarkersAt(const Transform& T_w_c,
+                                               std::span<const KnownMarker> loop) const {
     std::vector<int> agreeing;
     for (const KnownMarker& marker : loop) {
-      const auto chi2 = PoseOptimiser::markerChi2(marker, T_w_c);
-      if (chi2 && *chi2 <= worst) agreeing.push_back(marker.detection->id);
+      if (fitsTheMap(marker, T_w_c)) agreeing.push_back(marker.detection->id);
     }
     return agreeing;
   }
@@ -349,8 +418,10 @@ class Slam::Impl {
   }
 
   [[nodiscard]] PoseEstimate estimateOf(const PoseSolution& solution,
-                                        std::span<const KnownMarker> known) const {
+                                        std::span<const KnownMarker> known,
+                                        const Twist& twist) const {
     PoseEstimate estimate;
+    estimate.twist = twist;
     estimate.T_w_c = solution.T_w_c;
     estimate.covariance = solution.covariance;
     estimate.source = PoseSource::kMarkers;
@@ -369,6 +440,8 @@ class Slam::Impl {
   Mapper mapper_;
   LoopDetector loop_detector_;
   MarkerWatch watch_;
+  double readout_s_;            // of the camera, as given or learned
+  int next_readout_keyframes_;  // it is estimated again when the map has so many keyframes
   Map map_;
   Counters counters_;
   int frames_to_next_attempt_ = 0;  // to close a loop, after one was refused
@@ -395,8 +468,11 @@ void Slam::optimiseGlobally() { impl_->optimiseMapGlobally(); }
 void Slam::optimiseGloballyWithIntrinsics() { impl_->optimiseMapAndLens(); }
 
 std::optional<PoseEstimate> Slam::localize(std::span<const MarkerDetection> detections,
-                                           const Transform& guess_T_w_c) const {
-  return impl_->localize(detections, guess_T_w_c);
+                                           const Transform& guess_T_w_c,
+                                           const Vector6d& guess_twist) const {
+  return impl_->localize(detections, guess_T_w_c, guess_twist);
 }
+
+double Slam::readout_s() const { return impl_->readout_s(); }
 
 }  // namespace waymark::slam

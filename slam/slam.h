@@ -32,6 +32,9 @@ struct PoseEstimate {
   Transform T_w_c;
   // Of (dp, dtheta) as in Transform::retract: metres and radians, both in the world frame.
   Matrix6d covariance = Matrix6d::Zero();
+  // Velocity of the camera in its own frame, metres and radians per second; zero in the first frame
+  // after a gap.
+  Vector6d twist = Vector6d::Zero();
   PoseSource source = PoseSource::kNone;
   int markers_used = 0;
   double reprojection_rms_px = 0.0;
@@ -92,10 +95,14 @@ class Slam {
   // The same with the intrinsics among the unknowns (Eq. 41): camera() is then the better lens.
   void optimiseGloballyWithIntrinsics();
 
-  // A frame's pose against the map as it is now, from its detections and a first guess; for
-  // trajectory_final. Empty when too few of the markers are in the map.
+  // A frame's pose against the map as it is now, from its detections and a first guess of pose and
+  // velocity (PoseEstimate::twist); for trajectory_final. Empty when too few of the markers are in
+  // the map.
   [[nodiscard]] std::optional<PoseEstimate> localize(std::span<const MarkerDetection> detections,
-                                                     const Transform& guess_T_w_c) const;
+                                                     const Transform& guess_T_w_c,
+                                                     const Vector6d& guess_twist) const;
+  // First to last row, seconds, as given or learned; 0 for a global shutter.
+  [[nodiscard]] double readout_s() const;
 
  private:
   class Impl;

@@ -33,8 +33,8 @@ class MapLife : public ::testing::Test {
  protected:
   void SetUp() override {
     ASSERT_TRUE(io::writeCalibration(path("calib.yml"), calibration_).ok());
-    testing::recordWall(wall_, calibration_, -1.6, 0.2, path("left"));
-    testing::recordWall(wall_, calibration_, -0.2, 1.6, path("right"));
+    testing::recordWall(wall_, calibration_, -3.0, 0.3, path("left"));
+    testing::recordWall(wall_, calibration_, -0.3, 3.0, path("right"));
   }
 
   [[nodiscard]] std::string path(const std::string& name) const { return directory_ / name; }
@@ -92,11 +92,12 @@ class MapLife : public ::testing::Test {
 TEST_F(MapLife, GoesOnWithAnOldMap) {
   ASSERT_EQ(run("left", "a").exit_code, 0);
   const std::size_t before = readMap("a/map.json").map.markers().size();
+  EXPECT_LT(before, 48U);
   const ProgramResult result = run("right", "b", {"--map-in", path("a/map.json")});
   ASSERT_EQ(result.exit_code, 0) << result.err;
   const slam::Map map = readMap("b/map.json").map;
   EXPECT_GT(map.markers().size(), before);
-  EXPECT_EQ(io::posedMarkerCorners(map).size(), 32U);
+  EXPECT_EQ(io::posedMarkerCorners(map).size(), 48U);
   EXPECT_LT(worstDistance(map), 0.02);
   EXPECT_EQ(localized(path("b")), 60);
 }
@@ -109,8 +110,7 @@ TEST_F(MapLife, LocalisesAndChangesNothing) {
   ASSERT_EQ(result.exit_code, 0) << result.err;
   EXPECT_EQ(readFile(path("a/map.json")), before);
   EXPECT_TRUE(readFile(path("b/map.json")) == before);
-  EXPECT_GT(localized(path("b")), 10);
-  EXPECT_LT(localized(path("b")), 60);  // the right end is not in the map
+  EXPECT_GT(localized(path("b")), 40);
 }
 
 TEST_F(MapLife, AnyCameraLocalises) {
@@ -118,7 +118,7 @@ TEST_F(MapLife, AnyCameraLocalises) {
   slam::Calibration other = calibration_;
   other.fx = other.fy = 700.0;
   ASSERT_TRUE(io::writeCalibration(path("other.yml"), other).ok());
-  testing::recordWall(wall_, other, -1.6, 0.2, path("zoomed"));
+  testing::recordWall(wall_, other, -3.0, 0.3, path("zoomed"));
   const std::vector<std::string> with_other = {"--calibration", path("other.yml"), "--map-in",
                                                path("a/map.json")};
   const auto runZoomed = [&](const std::string& out, bool localise_only) {
@@ -181,10 +181,10 @@ TEST_F(MapLife, BadMaps) {
 }
 
 TEST_F(MapLife, MarkerOptions) {
-  ASSERT_EQ(run("left", "a", {"--origin-marker", "9", "--ignore", "2,16-18"}).exit_code, 0);
+  ASSERT_EQ(run("left", "a", {"--origin-marker", "5", "--ignore", "2,16-18"}).exit_code, 0);
   const slam::Map map = readMap("a/map.json").map;
-  EXPECT_LT(map.find(9)->T_w_m->p.norm(), 1e-9);
-  EXPECT_LT((map.find(9)->T_w_m->R - Eigen::Matrix3d::Identity()).norm(), 1e-9);
+  EXPECT_LT(map.find(5)->T_w_m->p.norm(), 1e-9);
+  EXPECT_LT((map.find(5)->T_w_m->R - Eigen::Matrix3d::Identity()).norm(), 1e-9);
   for (const int id : {2, 16, 17, 18}) EXPECT_EQ(map.find(id), nullptr);
   expectBadInput(run("left", "b", {"--ignore", "2-x"}), "--ignore: '2-x' must be an id or a range");
   expectBadInput(run("left", "b", {"--sizes", "2"}), "--sizes: '2' must be ids and a size");
@@ -196,7 +196,7 @@ TEST_F(MapLife, Anchors) {
   // In the wall's own world, in which the run does not begin.
   std::ofstream toml(path("w.toml"));
   toml.precision(17);
-  for (const std::size_t id : {9U, 12U, 26U}) {
+  for (const std::size_t id : {3U, 8U, 22U}) {
     const slam::Transform& T = wall_.markers[id].T_w_m;
     const Eigen::Quaterniond q = T.quaternion();
     toml << "[[slam.markers.anchors]]\nid = " << id << "\np_m = [" << T.p.x() << ", " << T.p.y()
@@ -206,7 +206,8 @@ TEST_F(MapLife, Anchors) {
   toml.close();
   const ProgramResult result = run("left", "a", {"--config", path("w.toml")});
   ASSERT_EQ(result.exit_code, 0) << result.err;
-  for (const auto& [id, marker] : readMap("a/map.json").map.markers()) {
+  const slam::Map map = readMap("a/map.json").map;
+  for (const auto& [id, marker] : map.markers()) {
     if (!marker.T_w_m) continue;
     const Eigen::Vector3d& expected = wall_.markers[static_cast<std::size_t>(id)].T_w_m.p;
     EXPECT_LT((marker.T_w_m->p - expected).norm(), 0.01) << id;
@@ -258,7 +259,7 @@ TEST_F(MapLife, OtherProgramsMaps) {
   EXPECT_EQ(readFile(path("ply")).rfind("ply\n", 0), 0U);
   const std::string poses = readFile(path("tum"));
   EXPECT_EQ(static_cast<std::size_t>(std::count(poses.begin(), poses.end(), '\n')),
-            map.keyframes().size());
+            map.keyframes().size() + 1);  // and a comment
   expectBadInput(waymark({"map", "export", path("aruco.json"), "--format", "tum", path("none")}),
                  "aruco.json: has no keyframes");
   expectBadInput(waymark({"map", "export", path("a/map.json"), "--format", "obj", path("none")}),
@@ -281,7 +282,7 @@ TEST_F(MapLife, Merge) {
   EXPECT_NE(result.out.find("shared markers agree"), std::string::npos) << result.out;
   EXPECT_NE(result.out.find("optimised: "), std::string::npos);
   const slam::Map both = readMap("both.json").map;
-  EXPECT_EQ(io::posedMarkerCorners(both).size(), 32U);
+  EXPECT_EQ(io::posedMarkerCorners(both).size(), 48U);
   EXPECT_EQ(both.keyframes().size(), readMap("a/map.json").map.keyframes().size() +
                                          readMap("b/map.json").map.keyframes().size());
   EXPECT_LT(worstDistance(both), 0.02);

@@ -12,14 +12,14 @@
 
 namespace waymark::testing {
 
-// 4 x 8 markers of 0.2 m, 0.5 m apart, ids row by row.
+// 3 x 16 markers of 0.2 m, 0.5 m apart, ids row by row. A camera sees about a half of it.
 struct MarkerWall {
   static constexpr double kSize_m = 0.2;
-  static constexpr int kColumns = 8;
+  static constexpr int kColumns = 16;
 
   MarkerWall() {
     std::mt19937 rng(11);
-    markers = slam::testing::markerWall(4, kColumns, 0.5, &rng);
+    markers = slam::testing::markerWall(3, kColumns, 0.5, &rng);
   }
   std::vector<slam::testing::SyntheticMarker> markers;
 };

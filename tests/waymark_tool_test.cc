@@ -200,6 +200,93 @@ TEST_F(WaymarkTool, BadTrajectories) {
   EXPECT_EQ(eval("good.tum").exit_code, 0);
 }
 
+TEST_F(WaymarkTool, EvalNeedsWhatItMeasures) {
+  std::ofstream(directory_ / "a.tum") << "1 0 0 0 0 0 0 1\n2 1 0 0 0 0 0 1\n";
+  const std::string tum = (directory_ / "a.tum").string();
+  const auto eval = [&](std::vector<std::string> arguments) {
+    arguments.insert(arguments.begin(), "eval");
+    return waymark(arguments);
+  };
+  expectBadInput(eval({"--truth", tum}), "nothing to measure");
+  expectBadInput(eval({"--estimate", tum}), "--estimate needs --truth");
+  expectBadInput(eval({"--map", "m.json"}), "--map needs --truth-map");
+  expectBadInput(eval({"--limit", "d.csv", "--truth", tum}), "--limit needs --truth, --truth-map");
+  expectBadInput(eval({"--truth", tum, "--estimate", tum, "--visible", "v.csv"}),
+                 "--visible needs --map and --estimate");
+  expectBadInput(eval({"--truth", tum, "--estimate", tum, "--skip", "3"}), "--skip: '3' is not");
+  expectBadInput(eval({"--truth", tum, "--estimate", tum, "--skip", "3:2"}), "--skip: '3:2' is");
+  expectBadInput(eval({"--truth", tum, "--estimate", tum, "--skip", "0:9"}), "a.tum: no pose");
+  expectBadInput(eval({"--truth", tum, "--estimate", tum, "--limit-frames", "0"}),
+                 "--limit-frames");
+}
+
+TEST_F(WaymarkTool, DetectionsThatCannotBeSaved) {
+  const auto save = [&](const std::string& file) {
+    return run(video(), {{"--save-detections", file}});
+  };
+  expectBadInput(save((directory_ / "corners.txt").string()), "--save-detections: '");
+  expectBadInput(save((directory_ / "frames.csv").string()), "--save-detections: '");
+  expectBadInput(save(video() + "/corners.csv"), "output directory cannot be made");
+  std::ofstream(directory_ / "frames.csv") << "1\n";
+  expectBadInput(save((directory_ / "corners.csv").string()), "frames.csv: exists already");
+}
+
+// A rendered walk: its corners on file give the map and the trajectory that the images gave, and
+// `eval` finds both near the limit of these corners.
+TEST_F(WaymarkTool, SavedDetectionsReplayAsTheImages) {
+  const fs::path walk = directory_ / "walk";
+  ASSERT_EQ(waymark({"simulate", "walls", "--duration", "8", "--fps", "10", "--quiet", "--out",
+                     walk.string()})
+                .exit_code,
+            0);
+  const std::string detections = (directory_ / "corners" / "detections.csv").string();
+  const auto runInto = [&](const std::string& source, const char* out) {
+    return run(source, {{"--calibration", (walk / "calib.yml").string()},
+                        {"--dictionary", "ARUCO_MIP_36h12"},
+                        {"--marker-size", "0.123"},
+                        {"--save-detections", detections},
+                        {"--out", (directory_ / out).string()}});
+  };
+  ASSERT_EQ(runInto((walk / "frames.avi").string(), "images").exit_code, 0);
+  const std::string saved = readFile(detections);
+  const ProgramResult replay = runInto(detections, "replay");
+  ASSERT_EQ(replay.exit_code, 0) << replay.err;
+  const std::string again = readFile(detections);
+  EXPECT_GT(std::count(saved.begin(), saved.end(), '\n'), 200);
+  EXPECT_EQ(std::count(saved.begin(), saved.end(), '\n'),
+            std::count(again.begin(), again.end(), '\n'));
+
+  const auto file = [&](const char* out, const char* name) {
+    return (directory_ / out / name).string();
+  };
+  for (const char* trajectory : {"trajectory.tum", "trajectory_final.tum"}) {
+    const ProgramResult eval = waymark(
+        {"eval", "--truth", file("images", trajectory), "--estimate", file("replay", trajectory),
+         "--truth-map", file("images", "map.json"), "--map", file("replay", "map.json"), "--json"});
+    ASSERT_EQ(eval.exit_code, 0) << eval.err;
+    const nlohmann::json same = nlohmann::json::parse(eval.out);
+    EXPECT_EQ(same["matched"], same["truth_poses"]);
+    EXPECT_EQ(same["missing_markers"].size() + same["unknown_markers"].size(), 0U);
+    EXPECT_LT(same["ate_m"]["max"].get<double>(), 1e-7);
+    EXPECT_LT(same["ace_m"]["max"].get<double>(), 1e-7);
+  }
+
+  const ProgramResult eval =
+      waymark({"eval", "--truth", file("walk", "gt_traj.txt"), "--estimate",
+               file("images", "trajectory_final.tum"), "--truth-map", file("walk", "gt_map.json"),
+               "--map", file("images", "map.json"), "--visible", file("walk", "gt_visible.csv"),
+               "--limit", detections, "--calibration", file("walk", "calib.yml"), "--json"});
+  ASSERT_EQ(eval.exit_code, 0) << eval.err;
+  const nlohmann::json errors = nlohmann::json::parse(eval.out);
+  EXPECT_EQ(errors["in_view"]["localised"], errors["in_view"]["frames"]);
+  EXPECT_GT(errors["in_view"]["frames"].get<int>(), 70);
+  EXPECT_EQ(errors["limit"]["frames"], 80);
+  EXPECT_LT(errors["limit"]["corner_rms_px"].get<double>(), 0.1);
+  EXPECT_LT(errors["limit"]["ate_m"]["mean"].get<double>(), 0.002);
+  EXPECT_LT(errors["ate_m"]["mean"].get<double>(),
+            2.0 * errors["limit"]["ate_m"]["mean"].get<double>());
+}
+
 // On a real recording: every file, twice the same bytes, and close to the printed board.
 TEST_F(WaymarkTool, RealRecordingTwice) {
   const char* data = std::getenv("WAYMARK_SHARED_DATA");

@@ -3,9 +3,11 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdlib>
+#include <iterator>
 #include <map>
 #include <numbers>
 #include <numeric>
+#include <set>
 #include <string>
 
 #include <Eigen/Geometry>
@@ -18,13 +20,11 @@ struct MatchedPose {
   slam::Transform estimate;
 };
 
-bool earlier(const io::StampedPose& a, const io::StampedPose& b) { return a.time_ns < b.time_ns; }
-
 // Each pose is used once: where two claim the same partner, the nearer one has it.
 std::vector<MatchedPose> associate(io::Trajectory truth, io::Trajectory estimate,
                                    std::int64_t tolerance_ns) {
-  std::stable_sort(truth.begin(), truth.end(), earlier);
-  std::stable_sort(estimate.begin(), estimate.end(), earlier);
+  sortByTime(&truth);
+  sortByTime(&estimate);
   struct Claim {
     std::int64_t distance_ns;
     const slam::Transform* pose;
@@ -109,6 +109,28 @@ slam::Transform alignPoints(std::span<const Eigen::Vector3d> from,
   return {T.topLeftCorner<3, 3>(), T.topRightCorner<3, 1>()};
 }
 
+void sortByTime(io::Trajectory* trajectory) {
+  std::stable_sort(
+      trajectory->begin(), trajectory->end(),
+      [](const io::StampedPose& a, const io::StampedPose& b) { return a.time_ns < b.time_ns; });
+}
+
+const io::StampedPose* nearestPose(const io::Trajectory& trajectory, std::int64_t time_ns,
+                                   std::int64_t tolerance_ns) {
+  const auto after = std::lower_bound(
+      trajectory.begin(), trajectory.end(), time_ns,
+      [](const io::StampedPose& pose, std::int64_t time) { return pose.time_ns < time; });
+  const io::StampedPose* nearest = after == trajectory.end() ? nullptr : &*after;
+  if (after != trajectory.begin()) {
+    const io::StampedPose& before = *std::prev(after);
+    if (nearest == nullptr || time_ns - before.time_ns < nearest->time_ns - time_ns) {
+      nearest = &before;
+    }
+  }
+  if (nearest == nullptr || std::abs(nearest->time_ns - time_ns) > tolerance_ns) return nullptr;
+  return nearest;
+}
+
 Result<TrajectoryErrors> compareTrajectories(const io::Trajectory& truth,
                                              const io::Trajectory& estimate,
                                              const TrajectoryOptions& options) {
@@ -131,6 +153,25 @@ Result<TrajectoryErrors> compareTrajectories(const io::Trajectory& truth,
   result.ate_m = distances(from, to, result.T_truth_est);
   addRelativeErrors(poses, options.segment_m, &result);
   return result;
+}
+
+ViewCoverage viewCoverage(std::span<const io::VisibleMarker> visible,
+                          std::span<const io::MarkerCorners> map, io::Trajectory estimate,
+                          const ViewCoverageOptions& options) {
+  std::set<int> mapped;
+  for (const io::MarkerCorners& marker : map) mapped.insert(marker.id);
+  std::set<std::int64_t> times_ns;
+  for (const io::VisibleMarker& marker : visible) {
+    if (marker.side_px >= options.min_side_px && mapped.contains(marker.id)) {
+      times_ns.insert(marker.time_ns);
+    }
+  }
+  sortByTime(&estimate);
+  ViewCoverage coverage{times_ns.size(), 0};
+  for (const std::int64_t time_ns : times_ns) {
+    if (nearestPose(estimate, time_ns, options.tolerance_ns) != nullptr) ++coverage.localised;
+  }
+  return coverage;
 }
 
 Result<MapErrors> compareMaps(std::span<const io::MarkerCorners> truth,

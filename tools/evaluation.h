@@ -9,6 +9,7 @@
 #include "base/result.h"
 #include "io/map_file.h"
 #include "io/trajectory.h"
+#include "io/visible_markers.h"
 #include "slam/geometry/transform.h"
 
 namespace waymark::tools {
@@ -35,6 +36,11 @@ struct TrajectoryOptions {
   // Length of path over which relative errors are taken, metres; the seed's.
   double segment_m = 0.25;
 };
+
+void sortByTime(io::Trajectory* trajectory);
+// Null when none is within the tolerance. Precondition: sorted by time.
+[[nodiscard]] const io::StampedPose* nearestPose(const io::Trajectory& trajectory,
+                                                 std::int64_t time_ns, std::int64_t tolerance_ns);
 
 struct TrajectoryErrors {
   std::size_t truth_poses = 0;
@@ -63,6 +69,26 @@ struct MapErrors {
   slam::Transform T_truth_est;  // the alignment of the two worlds, by the common corners
   ErrorStatistics ace_m;        // ACE: corner, after alignment; the seed's is the mean
 };
+
+// In how many of the frames in which a pose could be expected there is one.
+struct ViewCoverage {
+  std::size_t frames = 0;     // in which a mapped marker is in view, large enough
+  std::size_t localised = 0;  // of those
+
+  [[nodiscard]] double share() const {
+    return frames == 0 ? 0.0 : static_cast<double>(localised) / static_cast<double>(frames);
+  }
+};
+struct ViewCoverageOptions {
+  // Shortest side of a marker that can be expected to be found, pixels: 20 px are 2 to 3 pixels a
+  // cell, enough for noisy and blurred images.
+  double min_side_px = 20.0;
+  std::int64_t tolerance_ns = 2'000'000;  // as TrajectoryOptions'
+};
+[[nodiscard]] ViewCoverage viewCoverage(std::span<const io::VisibleMarker> visible,
+                                        std::span<const io::MarkerCorners> map,
+                                        io::Trajectory estimate,
+                                        const ViewCoverageOptions& options);
 
 // An error when no marker is in both.
 [[nodiscard]] Result<MapErrors> compareMaps(std::span<const io::MarkerCorners> truth,

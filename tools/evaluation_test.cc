@@ -138,10 +138,37 @@ TEST(Evaluation, NothingInCommonIsAnError) {
   EXPECT_FALSE(compareMaps({}, {}).ok());
 }
 
+TEST(Evaluation, TheNearestPoseInTime) {
+  const io::Trajectory trajectory = path(10);
+  EXPECT_EQ(nearestPose(trajectory, 3 * kPeriod_ns + 400, 1000), &trajectory[3]);
+  EXPECT_EQ(nearestPose(trajectory, 4 * kPeriod_ns - 400, 1000), &trajectory[4]);
+  EXPECT_EQ(nearestPose(trajectory, -900, 1000), trajectory.data());
+  EXPECT_EQ(nearestPose(trajectory, 9 * kPeriod_ns + 900, 1000), &trajectory[9]);
+  EXPECT_EQ(nearestPose(trajectory, 3 * kPeriod_ns + 5000, 1000), nullptr);
+  EXPECT_EQ(nearestPose({}, 0, 1000), nullptr);
+}
+
 io::MarkerCorners marker(int id, const slam::Transform& T_w_m) {
   io::MarkerCorners m{id, 0.1, slam::markerCorners(0.1)};
   for (Eigen::Vector3d& corner : m.corners) corner = T_w_m * corner;
   return m;
+}
+
+// Frames 0 to 9: marker 1 is mapped and large in the even ones, small in frame 3; marker 2 is
+// large in frame 5 but not mapped; marker 3 is mapped and large beside marker 1 in frame 0.
+TEST(Evaluation, CoverageCountsFramesWithALargeMappedMarkerInView) {
+  std::vector<io::VisibleMarker> visible = {
+      {3 * kPeriod_ns, 1, 19.0}, {5 * kPeriod_ns, 2, 80.0}, {0, 3, 25.0}};
+  for (int i = 0; i < 10; i += 2) visible.push_back({i * kPeriod_ns, 1, 20.0});
+  const std::vector<io::MarkerCorners> map = {marker(1, {}), marker(3, {})};
+  io::Trajectory estimate = path(10);
+  EXPECT_EQ(viewCoverage(visible, map, estimate, {}).frames, 5U);
+  EXPECT_DOUBLE_EQ(viewCoverage(visible, map, estimate, {}).share(), 1.0);
+  estimate.erase(estimate.begin() + 4);  // one that counts
+  estimate.erase(estimate.begin() + 3);  // one that does not
+  EXPECT_EQ(viewCoverage(visible, map, estimate, {}).localised, 4U);
+  EXPECT_EQ(viewCoverage(visible, map, {}, {}).localised, 0U);
+  EXPECT_EQ(viewCoverage({}, map, estimate, {}).frames, 0U);
 }
 
 TEST(Evaluation, AceComparesCommonMarkers) {

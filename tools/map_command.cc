@@ -170,8 +170,8 @@ Outcome merge(const MergeArguments& arguments) {
     text += mergeText(name, *report);
   }
   if (!arguments.no_global && !merged->map.keyframes().empty()) text += optimise(&*merged);
-  const Status written =
-      io::writeTextFile(arguments.files.back(), io::formatMap(merged->map, merged->camera));
+  const Status written = io::writeTextFile(
+      arguments.files.back(), io::formatMap(merged->map, merged->camera, merged->readout_s));
   if (!written) return written.error();
   return text;
 }

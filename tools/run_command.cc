@@ -2,10 +2,13 @@
 
 #include <algorithm>
 #include <cstdio>
+#include <filesystem>
 #include <memory>
 #include <optional>
 #include <string>
+#include <system_error>
 #include <utility>
+#include <vector>
 
 #include <CLI/CLI.hpp>
 #include <opencv2/core.hpp>
@@ -15,6 +18,7 @@
 #include "io/map_picture.h"
 #include "io/number_text.h"
 #include "io/old_map.h"
+#include "io/recorded_detections.h"
 #include "io/slam_settings.h"
 #include "io/text_file.h"
 #include "slam/slam.h"
@@ -36,6 +40,7 @@ struct RunArguments {
   std::string map_in;
   bool localize_only = false;
   bool refine_intrinsics = false;
+  std::string save_detections;
   std::optional<double> fps;
   bool no_global = false;
   bool realtime = false;
@@ -49,6 +54,7 @@ struct RunSetup {
   slam::Options options;
   std::unique_ptr<RunInput> input;
   std::optional<io::OutputDirectory> output;
+  std::optional<io::OutputDirectory> detections;  // the directory of --save-detections
   std::optional<io::OldMap> old_map;
 };
 
@@ -70,6 +76,26 @@ Result<std::optional<io::OldMap>> oldMap(const RunArguments& arguments,
   return std::optional(std::move(old).value());
 }
 
+// frames.csv goes beside the detections and belongs to all of them in that directory: one that came
+// with other detections stays.
+Result<std::optional<io::OutputDirectory>> openDetections(const std::string& file) {
+  if (file.empty()) return std::optional<io::OutputDirectory>();
+  const std::filesystem::path path(file);
+  if (path.extension() != ".csv" || path.filename() == "frames.csv") {
+    return Error{"--save-detections: '" + file + "' must be a name like detections.csv"};
+  }
+  const std::filesystem::path directory = path.has_parent_path() ? path.parent_path() : ".";
+  std::error_code error;
+  if (std::filesystem::exists(directory / "frames.csv", error) &&
+      !std::filesystem::exists(path, error)) {
+    return Error{(directory / "frames.csv").string() +
+                 ": exists already and belongs to other detections; choose another directory"};
+  }
+  Result<io::OutputDirectory> opened = io::OutputDirectory::open(directory);
+  if (!opened) return opened.error();
+  return std::optional<io::OutputDirectory>(std::move(opened).value());
+}
+
 Result<RunSetup> prepare(const RunArguments& arguments) {
   const Result<io::SlamSettings> settings = slamSettings(arguments.markers);
   if (!settings) return settings.error();
@@ -84,6 +110,8 @@ Result<RunSetup> prepare(const RunArguments& arguments) {
                                                           .realtime = arguments.realtime},
                                                          camera);
   if (!input) return input.error();
+  Result<std::optional<io::OutputDirectory>> detections = openDetections(arguments.save_detections);
+  if (!detections) return detections.error();
   std::optional<io::OutputDirectory> output;
   if (!arguments.out.empty()) {
     Result<io::OutputDirectory> opened = io::OutputDirectory::open(arguments.out);
@@ -95,8 +123,10 @@ Result<RunSetup> prepare(const RunArguments& arguments) {
                  settings->options,
                  std::move(input).value(),
                  std::move(output),
+                 std::move(detections).value(),
                  std::move(old_map).value()};
   setup.options.mapping = !arguments.localize_only;
+  if (setup.old_map) io::adoptReadout(*setup.old_map, &setup.options);
   return setup;
 }
 
@@ -107,7 +137,7 @@ Status processAll(RunInput& input, slam::Slam& slam, StageTimer& timer, bool sho
     const Result<std::optional<RunInput::Step>> step = input.step(slam, timer);
     if (!step) return step.error();
     if (!step.value()) return success();
-    record->add((*step)->time_ns, (*step)->result);
+    record->add((*step)->time_ns, (*step)->result, slam.counters());
     bar.update(static_cast<std::int64_t>(record->frames()), [&] {
       return "localized " + io::fixed(record->localizedPercent(), 1) + " %  " +
              std::to_string(slam.map().markers().size()) + " markers";
@@ -128,7 +158,7 @@ void optimiseGlobally(const RunArguments& arguments, slam::Slam* slam, RunRecord
 // A map that was only localised in stays what it was, byte for byte.
 std::string mapText(const slam::Slam& slam, const RunSetup& setup) {
   if (!setup.options.mapping) return setup.old_map->text;
-  return io::formatMap(slam.map(), slam.camera().calibration());
+  return io::formatMap(slam.map(), slam.camera().calibration(), slam.readout_s());
 }
 
 Status writeOutputs(const slam::Slam& slam, const std::string& statistics, const RunRecord& record,
@@ -148,6 +178,15 @@ Status writeOutputs(const slam::Slam& slam, const std::string& statistics, const
                                               .z_is_up = false}));
   output.add("stats.json", statistics);
   return output.commit();
+}
+
+Status writeDetections(const std::string& file, const RunRecord& record,
+                       const slam::CameraModel& camera, io::OutputDirectory& directory) {
+  const std::vector<io::RecordedFrame> frames = record.recordedFrames();
+  directory.add(std::filesystem::path(file).filename(),
+                io::formatRecordedDetections(frames, camera));
+  directory.add("frames.csv", io::formatFrameTimes(frames));
+  return directory.commit();
 }
 
 Result<ExitCode> run(const RunArguments& arguments) {
@@ -170,6 +209,11 @@ Result<ExitCode> run(const RunArguments& arguments) {
   const Status processed =
       processAll(*setup.input, slam, timer, /*show_progress=*/!arguments.quiet, &record);
   if (!processed) return processed.error();
+  if (setup.detections) {
+    const Status written =
+        writeDetections(arguments.save_detections, record, setup.camera, *setup.detections);
+    if (!written) return written.error();
+  }
   optimiseGlobally(arguments, &slam, &record);
   if (setup.output) {
     const Status written =
@@ -209,6 +253,9 @@ void addRunCommand(CLI::App& app, int* exit_code) {
           ->add_flag("--localize-only", arguments->localize_only,
                      "Leave the map of --map-in as it is, bit for bit; any camera will do")
           ->needs(map_in);
+  command->add_option("--save-detections", arguments->save_detections,
+                      "Write the corners found in each frame into this detections.csv, and a "
+                      "frames.csv beside it; both can be run again");
   command->add_option("--fps", arguments->fps, "Frame rate, instead of the recording's own, Hz")
       ->check(CLI::PositiveNumber);
   CLI::Option* no_global =

@@ -32,7 +32,10 @@ std::size_t posedMarkers(const slam::Map& map) {
 
 }  // namespace
 
-void RunRecord::add(std::int64_t time_ns, const slam::FrameResult& result) {
+void RunRecord::add(std::int64_t time_ns, const slam::FrameResult& result,
+                    const slam::Counters& counters) {
+  if (counters.loop_closures > loop_closures_) loop_closed_at_ns_.push_back(time_ns);
+  loop_closures_ = counters.loop_closures;
   if (result.pose) {
     if (!initialized_at_) initialized_at_ = frames_.size();
     ++localized_;
@@ -78,10 +81,11 @@ io::Trajectory RunRecord::finalTrajectory(const slam::Slam& slam) const {
   std::optional<slam::Transform> neighbour;
   const auto localize = [&](std::size_t i) {
     if (!poses[i]) {
-      const std::optional<slam::Transform> guess =
-          frames_[i].pose ? std::optional(frames_[i].pose->T_w_c) : neighbour;
+      const auto& live = frames_[i].pose;
+      const std::optional<slam::Transform> guess = live ? live->T_w_c : neighbour;
       if (!guess) return;
-      const auto pose = slam.localize(frames_[i].detections, *guess);
+      const slam::Vector6d twist = live ? live->twist : slam::Vector6d::Zero();
+      const auto pose = slam.localize(frames_[i].detections, *guess, twist);
       if (pose) poses[i] = pose->T_w_c;
     }
     if (poses[i]) neighbour = poses[i];
@@ -95,6 +99,13 @@ io::Trajectory RunRecord::finalTrajectory(const slam::Slam& slam) const {
     if (poses[i]) trajectory.push_back({frames_[i].time_ns, *poses[i]});
   }
   return trajectory;
+}
+
+std::vector<io::RecordedFrame> RunRecord::recordedFrames() const {
+  std::vector<io::RecordedFrame> recorded;
+  recorded.reserve(frames_.size());
+  for (const FrameRecord& frame : frames_) recorded.push_back({frame.time_ns, frame.detections});
+  return recorded;
 }
 
 std::string RunRecord::statistics(const slam::Slam& slam, const StageTimer& timer,
@@ -112,6 +123,10 @@ std::string RunRecord::statistics(const slam::Slam& slam, const StageTimer& time
   json["keyframes"] = slam.map().keyframes().size();
   json["markers"] = posedMarkers(slam.map());
   json["loop_closures"] = counters.loop_closures;
+  json["loop_closed_at_s"] = Json::array();
+  for (const std::int64_t time_ns : loop_closed_at_ns_) {
+    json["loop_closed_at_s"].push_back(1e-9 * static_cast<double>(time_ns));
+  }
   json["relocalizations"] = counters.relocalizations;
   json["reprojection_rms_px"] =
       localized_ > 0 ? Json(std::sqrt(squares_px2 / static_cast<double>(localized_))) : none;

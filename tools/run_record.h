@@ -6,6 +6,7 @@
 #include <string>
 #include <vector>
 
+#include "io/recorded_detections.h"
 #include "io/trajectory.h"
 #include "slam/slam.h"
 #include "tools/stage_timer.h"
@@ -20,7 +21,8 @@ struct FrameRecord {
 
 class RunRecord {
  public:
-  void add(std::int64_t time_ns, const slam::FrameResult& result);
+  // `counters` as they are after the frame.
+  void add(std::int64_t time_ns, const slam::FrameResult& result, const slam::Counters& counters);
 
   // The lens turned out to be another one. A marker it cannot have seen leaves its frame.
   void undistortAgain(const slam::CameraModel& camera);
@@ -33,6 +35,8 @@ class RunRecord {
   [[nodiscard]] io::Trajectory liveTrajectory() const;
   // Every frame's pose against the map as it is now.
   [[nodiscard]] io::Trajectory finalTrajectory(const slam::Slam& slam) const;
+  // Every frame's detections, for replaying them.
+  [[nodiscard]] std::vector<io::RecordedFrame> recordedFrames() const;
   // stats.json of the interface.
   [[nodiscard]] std::string statistics(const slam::Slam& slam, const StageTimer& timer,
                                        std::uint64_t dropped_late) const;
@@ -41,6 +45,8 @@ class RunRecord {
   std::vector<FrameRecord> frames_;
   std::size_t localized_ = 0;
   std::optional<std::size_t> initialized_at_;  // index of the first frame with a pose
+  std::uint64_t loop_closures_ = 0;
+  std::vector<std::int64_t> loop_closed_at_ns_;  // times of the frames in which loops closed
 };
 
 }  // namespace waymark::tools

@@ -24,6 +24,7 @@ namespace {
 struct Arguments {
   simulator::Options options;
   simulator::RecordingOptions recording;
+  bool truth_only = false;
   bool quiet = false;
   // As typed.
   std::string out;
@@ -96,6 +97,7 @@ Status simulate(Arguments* a) {
   if (Status status = parseCompound(a); !status) return status;
   const auto simulation = simulator::Simulation::create(a->options, simulator::Ending::kOfTheScene);
   if (!simulation) return simulation.error();
+  if (a->truth_only) return simulator::recordTruth(**simulation, a->out);
   a->recording.directory = a->out;
   a->recording.threads = static_cast<int>(std::max(1U, std::thread::hardware_concurrency()));
   ProgressBar bar((*simulation)->frameCount(), /*wanted=*/!a->quiet);
@@ -135,7 +137,10 @@ void addOptions(CLI::App* command, Arguments* a) {
   command->add_option("--move", a->moved,
                       "A marker that moves by X,Y,Z metres at TIME seconds, ID:TIME:X,Y,Z");
   command->add_option("--double", o.doubled_id, "An id that is printed twice");
-  command->add_flag("--images", a->recording.images, "PNG images instead of a video (FFV1)");
+  CLI::Option* const images =
+      command->add_flag("--images", a->recording.images, "PNG images instead of a video (FFV1)");
+  command->add_flag("--truth-only", a->truth_only, "The truth without the frames, in moments")
+      ->excludes(images);
   command->add_flag("--quiet", a->quiet, "No progress bar");
 }
 

@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <utility>
 
+#include "slam/rolling_shutter/rolling_shutter.h"
+
 namespace waymark::slam {
 namespace {
 
@@ -10,6 +12,18 @@ template <typename T>
 void sortUnique(std::vector<T>* values) {
   std::sort(values->begin(), values->end());
   values->erase(std::unique(values->begin(), values->end()), values->end());
+}
+
+// False when a corner is outside the lens's range; the detection then stays as it is.
+bool undistort(const CameraModel& camera, MarkerDetection* detection) {
+  std::array<Eigen::Vector2d, 4> normalised = detection->normalised;
+  for (std::size_t k = 0; k < 4; ++k) {
+    const auto corner = camera.undistort(detection->pixels[k]);
+    if (!corner) return false;
+    normalised[k] = *corner;
+  }
+  detection->normalised = normalised;
+  return true;
 }
 
 }  // namespace
@@ -120,18 +134,20 @@ void Map::moveWorld(const Transform& T_v_w) {
   for (auto& [id, keyframe] : keyframes_) keyframe.T_w_c = T_v_w * keyframe.T_w_c;
 }
 
-void Map::undistortAgain(const CameraModel& camera) {
+void Map::undistortAgain(const CameraModel& camera, double readout_s) {
   for (auto& [id, keyframe] : keyframes_) {
     std::vector<int> unseen;
     for (MarkerDetection& detection : keyframe.detections) {
-      for (std::size_t k = 0; k < 4; ++k) {
-        const auto normalised = camera.undistort(detection.pixels[k]);
-        if (normalised) {
-          detection.normalised[k] = *normalised;
-        } else {
-          unseen.push_back(detection.id);
-        }
+      if (!undistort(camera, &detection)) {
+        unseen.push_back(detection.id);
+        continue;
       }
+      if (readout_s == 0.0) continue;
+      const MapMarker& marker = markers_.at(detection.id);
+      const auto known =
+          marker.T_w_m ? depthFromPose(keyframe.T_w_c, *marker.T_w_m, marker.size_m) : std::nullopt;
+      const auto depth_m = known ? *known : depthFromSize(detection, marker.size_m);
+      detection = atMidFrame(detection, camera, keyframe.twist, depth_m, readout_s);
     }
     const KeyframeId only[] = {id};
     for (const int marker_id : unseen) removeViews(marker_id, only);

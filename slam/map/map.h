@@ -45,7 +45,9 @@ struct Keyframe {
   KeyframeId id = -1;
   std::uint64_t sequence = 0;
   std::int64_t monotonic_ns = 0;
-  Transform T_w_c;                          // inverse of the paper's gamma^i
+  Transform T_w_c;  // inverse of the paper's gamma^i
+  // Of the camera in its own frame, metres and radians per second; 0 where nobody needs it.
+  Vector6d twist = Vector6d::Zero();
   std::vector<MarkerDetection> detections;  // sorted by id
 
   // Null when the keyframe does not see the marker.
@@ -88,9 +90,9 @@ class Map {
   void removeViews(int marker_id, std::span<const KeyframeId> keyframes);
   // Moves the whole map into another world: every T_w_x becomes T_v_w * T_w_x.
   void moveWorld(const Transform& T_v_w);
-  // The lens turned out to be another one: the detections' normalised corners follow from their
-  // pixels anew. One that the new lens cannot have seen leaves its keyframe.
-  void undistortAgain(const CameraModel& camera);
+  // The lens or its shutter turned out to be another one: the detections' normalised corners follow
+  // from their pixels anew. One that the lens cannot have seen leaves its keyframe.
+  void undistortAgain(const CameraModel& camera, double readout_s);
 
  private:
   std::map<int, MapMarker> markers_;

@@ -31,12 +31,12 @@ struct MarkerOptions {
     IdRange ids;
     double size_m = 0.0;
   };
-  std::vector<Size> other_sizes;  // the first range that contains an id counts
-  std::vector<IdRange> ignored;   // ids that are never looked at
+  std::vector<Size> other_sizes{};  // the first range that contains an id counts
+  std::vector<IdRange> ignored{};   // ids that are never looked at
 
   // What fixes the world frame; without either, the first keyframe's camera does. Not both.
-  std::vector<Anchor> anchors;       // surveyed poses, in the world they were surveyed in
-  std::optional<int> origin_marker;  // this marker's frame is the world
+  std::vector<Anchor> anchors{};       // surveyed poses, in the world they were surveyed in
+  std::optional<int> origin_marker{};  // this marker's frame is the world
 
   [[nodiscard]] double sizeOf(int id) const;
   [[nodiscard]] bool isIgnored(int id) const;

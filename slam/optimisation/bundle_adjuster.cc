@@ -1,6 +1,7 @@
 #include "slam/optimisation/bundle_adjuster.h"
 
 #include <algorithm>
+#include <cmath>
 #include <limits>
 #include <utility>
 
@@ -59,7 +60,11 @@ bool BundleAdjuster::step() {
   }
   movePoses(problem_.cameras, step.camera, &trial_.cameras);
   movePoses(problem_.markers, step.marker, &trial_.markers);
-  const bool lens_ok = !problem_.lens || moveLens(*problem_.lens, step.lens, &*trial_.lens);
+  const bool lens_ok =
+      !problem_.lens || moveLens(*problem_.lens, step.globals.head<9>(), &*trial_.lens);
+  if (problem_.shutter) {
+    trial_.shutter->readout_s = problem_.shutter->readout_s + step.globals[9];
+  }
   double cost = 0.0;
   if (!lens_ok || !robustCost(trial_, whitened_, options_.huber, &cost) ||
       !(cost <= summary_.final_cost)) {
@@ -70,6 +75,7 @@ bool BundleAdjuster::step() {
   problem_.cameras = trial_.cameras;
   problem_.markers = trial_.markers;
   problem_.lens = trial_.lens;
+  if (problem_.shutter) problem_.shutter->readout_s = trial_.shutter->readout_s;
   summary_.final_cost = cost;
   lambda_ = std::max(0.1 * lambda_, 1e-12);
   done_ = decrease <= options_.min_relative_decrease * cost;
@@ -83,6 +89,12 @@ Matrix6d BundleAdjuster::markerCovariance(int marker) const {
   const Matrix6d& H = equations_.H_marker[static_cast<std::size_t>(marker)];
   if (H.isZero()) return Matrix6d::Zero();
   return summary_.noise * summary_.noise * H.ldlt().solve(Matrix6d::Identity());
+}
+
+std::optional<double> BundleAdjuster::readoutSigma_s() const {
+  const auto variance = readoutVariance(problem_, equations_);
+  if (!variance || !(*variance > 0.0)) return std::nullopt;
+  return summary_.noise * std::sqrt(*variance);
 }
 
 BundleSummary adjustBundle(BundleProblem* problem, const BundleOptions& options) {

@@ -6,6 +6,7 @@
 // is eliminated by the Schur complement, block by block, and the rest solved as one system.
 #pragma once
 
+#include <optional>
 #include <vector>
 
 #include "slam/optimisation/bundle_problem.h"
@@ -50,6 +51,9 @@ class BundleAdjuster {
   // Of a marker's (dp, dtheta), given the cameras: the inverse of its own block of the normal
   // equations, scaled by the noise. Zero for a marker nobody sees.
   [[nodiscard]] Matrix6d markerCovariance(int marker) const;
+  // Standard deviation of the readout time, seconds, scaled by the noise; empty when it is no
+  // unknown or cannot be known.
+  [[nodiscard]] std::optional<double> readoutSigma_s() const;
 
  private:
   BundleProblem problem_;

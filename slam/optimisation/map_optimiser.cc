@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "slam/geometry/robust.h"
+#include "slam/rolling_shutter/rolling_shutter.h"
 
 namespace waymark::slam {
 namespace {
@@ -24,6 +25,28 @@ class MapProblem {
 
   BundleProblem problem;
 
+  // The readout time as an unknown: where the corners would have moved with another one.
+  void freeReadout(const Map& map, double readout_s, const CameraModel& camera) {
+    BundleProblem::Shutter shutter;
+    shutter.readout_s = shutter.corrected_with_s = readout_s;
+    for (const auto& observation : problem.observations) {
+      const auto c = static_cast<std::size_t>(observation.camera);
+      const auto m = static_cast<std::size_t>(observation.marker);
+      const Transform& T_w_c = problem.cameras[c].T;
+      const Vector6d& twist = map.keyframes().at(keyframes_[c]).twist;
+      const auto corners = markerCorners(problem.marker_sizes_m[m]);
+      auto& motion = shutter.motion.emplace_back();
+      for (std::size_t k = 0; k < 4; ++k) {
+        const Eigen::Vector3d p_c = T_w_c.inverse() * (problem.markers[m].T * corners[k]);
+        motion[k] = rowTime(observation.detection->pixels[k].y(), camera.height()) *
+                    imageVelocity(p_c, twist);
+      }
+    }
+    problem.shutter = std::move(shutter);
+  }
+
+  std::optional<double> readoutSigma_s;  // after optimise()
+
   BundleSummary optimise(Map* map, const BundleOptions& options) {
     BundleAdjuster adjuster(std::move(problem), options);
     while (adjuster.step()) {
@@ -37,6 +60,7 @@ class MapProblem {
       marker.T_w_m = problem.markers[static_cast<std::size_t>(index)].T;
       marker.covariance = adjuster.markerCovariance(index);
     }
+    if (problem.shutter) readoutSigma_s = adjuster.readoutSigma_s();
     return adjuster.summary();
   }
 
@@ -117,15 +141,25 @@ BundleSummary optimiseGlobally(Map* map, const MarkerOptions& markers,
 }
 
 BundleSummary optimiseGloballyWithIntrinsics(Map* map, const MarkerOptions& markers,
-                                             const IntrinsicPriors& priors,
+                                             const IntrinsicPriors& priors, double readout_s,
                                              const BundleOptions& options, CameraModel* camera) {
   MapProblem whole = wholeMap(*map, markers);
-  whole.problem.lens = {*camera, camera->intrinsics(), priors.sigmas()};
+  whole.problem.lens = {*camera, *camera, camera->intrinsics(), priors.sigmas()};
   const BundleSummary summary = whole.optimise(map, options);
   if (summary.failed) return summary;
   *camera = whole.problem.lens->camera;
-  map->undistortAgain(*camera);
+  map->undistortAgain(*camera, readout_s);
   return summary;
+}
+
+std::optional<ReadoutEstimate> optimiseWithReadout(Map* map, const MarkerOptions& markers,
+                                                   double readout_s, const CameraModel& camera,
+                                                   const BundleOptions& options) {
+  MapProblem whole = wholeMap(*map, markers);
+  whole.freeReadout(*map, readout_s, camera);
+  const BundleSummary summary = whole.optimise(map, options);
+  if (summary.failed || !whole.readoutSigma_s) return std::nullopt;
+  return ReadoutEstimate{whole.problem.shutter->readout_s, *whole.readoutSigma_s};
 }
 
 MapFit fitOf(const Map& map, double huber) {

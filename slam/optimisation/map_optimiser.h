@@ -1,6 +1,7 @@
 // Local and global optimisation of the map (seed 1, sections 4.7 and 4.10).
 #pragma once
 
+#include <optional>
 #include <span>
 
 #include "slam/map/map.h"
@@ -31,8 +32,22 @@ BundleSummary optimiseGlobally(Map* map, const MarkerOptions& markers,
 // The same with the intrinsics as unknowns (Eq. 41). On success *camera is the better lens, and the
 // map's corners are undistorted by it.
 BundleSummary optimiseGloballyWithIntrinsics(Map* map, const MarkerOptions& markers,
-                                             const IntrinsicPriors& priors,
+                                             const IntrinsicPriors& priors, double readout_s,
                                              const BundleOptions& options, CameraModel* camera);
+
+// The readout time among the unknowns: what it most likely is, given all keyframes, and how well
+// that is known. The map's corners are corrected with readout_s.
+struct ReadoutEstimate {
+  double readout_s = 0.0;
+  double sigma_s = 0.0;
+};
+// The poses of *map are optimised along with it. Empty when nothing in the map depends on it (a
+// camera that hardly moved).
+[[nodiscard]] std::optional<ReadoutEstimate> optimiseWithReadout(Map* map,
+                                                                 const MarkerOptions& markers,
+                                                                 double readout_s,
+                                                                 const CameraModel& camera,
+                                                                 const BundleOptions& options);
 
 // How well the posed markers explain what the keyframes saw.
 struct MapFit {

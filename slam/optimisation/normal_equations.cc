@@ -18,8 +18,16 @@ std::size_t at(int index) { return static_cast<std::size_t>(index); }
 struct CornerTerm {
   Eigen::Vector2d residual;  // whitened
   Matrix26d J_camera, J_marker;
-  Eigen::Matrix<double, 2, 9> J_lens;
+  Eigen::Matrix<double, 2, BundleProblem::kGlobals> J_global;
 };
+
+// The corner as the camera saw it at the middle row's time, given the readout time as it is now.
+Eigen::Vector2d seenAt(const BundleProblem& problem, std::size_t o, std::size_t k) {
+  const Eigen::Vector2d& seen = problem.observations[o].detection->normalised[k];
+  if (!problem.shutter) return seen;
+  const double longer_s = problem.shutter->readout_s - problem.shutter->corrected_with_s;
+  return seen - longer_s * problem.shutter->motion[o][k];
+}
 
 // False when the corner is behind its camera.
 bool project(const BundleProblem& problem, std::size_t o, std::size_t k, const Eigen::Matrix2d& W,
@@ -27,24 +35,32 @@ bool project(const BundleProblem& problem, std::size_t o, std::size_t k, const E
   const auto& observation = problem.observations[o];
   const Transform& T_w_c = problem.cameras[at(observation.camera)].T;
   if (!projectPoint(T_w_c, p_w, projection)) return false;
+  const Eigen::Vector2d seen = seenAt(problem, o, k);
   const Eigen::Vector2d error =
       problem.lens ? Eigen::Vector2d(problem.lens->camera.distort(projection->normalised) -
-                                     observation.detection->pixels[k])
-                   : Eigen::Vector2d(projection->normalised - observation.detection->normalised[k]);
+                                     problem.lens->seen_with.distort(seen))
+                   : Eigen::Vector2d(projection->normalised - seen);
   term->residual = W * error;
   return true;
 }
 
-void differentiate(const BundleProblem& problem, const BundleProblem::Observation& observation,
+void differentiate(const BundleProblem& problem, std::size_t o, std::size_t k,
                    const Eigen::Matrix2d& W, const Eigen::Vector3d& p_w,
                    const Projection& projection, CornerTerm* term) {
+  const auto& observation = problem.observations[o];
   Matrix23d J_point = W * projection.J_point;
+  if (problem.hasGlobals()) term->J_global.setZero();
   if (problem.lens) {
     const CameraModel& camera = problem.lens->camera;
     Eigen::Matrix2d J_distortion;
     (void)camera.distort(projection.normalised, &J_distortion);
     J_point = W * J_distortion * projection.J_point;
-    term->J_lens = W * camera.intrinsicJacobian(projection.normalised);
+    term->J_global.leftCols<9>() = W * camera.intrinsicJacobian(projection.normalised);
+  }
+  if (problem.shutter) {
+    Eigen::Matrix2d J_seen = Eigen::Matrix2d::Identity();
+    if (problem.lens) (void)problem.lens->seen_with.distort(seenAt(problem, o, k), &J_seen);
+    term->J_global.rightCols<1>() = W * J_seen * problem.shutter->motion[o][k];
   }
   term->J_camera = cameraJacobian(problem.cameras[at(observation.camera)].T, p_w, J_point);
   term->J_marker = markerJacobian(problem.markers[at(observation.marker)].T, p_w, J_point);
@@ -73,15 +89,27 @@ Vector6d priorError(const BundleProblem& problem, const BundleProblem::Prior& pr
   return prior.T_w_m.localCoordinates(problem.markers[at(prior.marker)].T);
 }
 
-// 1 / sigma^2 of each intrinsic; a fixed one gets a weight no data outvotes.
-IntrinsicVector lensInformation(const BundleProblem::Lens& lens) {
+// 1 / sigma^2 of each global; a fixed one gets a weight no data outvotes.
+GlobalVector globalInformation(const BundleProblem& problem) {
   constexpr double kFixed = 1e16;
-  IntrinsicVector information;
+  GlobalVector sigma = GlobalVector::Zero();
+  if (problem.lens) sigma.head<9>() = problem.lens->sigma;
+  if (problem.shutter) sigma[9] = problem.shutter->sigma_s;
+  GlobalVector information;
   for (Eigen::Index i = 0; i < information.size(); ++i) {
-    const double sigma = lens.sigma[i];
-    information[i] = sigma > 0.0 ? std::min(1.0 / (sigma * sigma), kFixed) : kFixed;
+    information[i] = sigma[i] > 0.0 ? std::min(1.0 / (sigma[i] * sigma[i]), kFixed) : kFixed;
   }
   return information;
+}
+
+// How far the globals are from what was expected of them.
+GlobalVector globalError(const BundleProblem& problem) {
+  GlobalVector error = GlobalVector::Zero();
+  if (problem.lens) error.head<9>() = problem.lens->camera.intrinsics() - problem.lens->expected;
+  if (problem.shutter) {
+    error[9] = problem.shutter->readout_s - problem.shutter->corrected_with_s;
+  }
+  return error;
 }
 
 double priorCost(const BundleProblem& problem) {
@@ -90,9 +118,9 @@ double priorCost(const BundleProblem& problem) {
     const Vector6d e = priorError(problem, prior);
     cost += e.dot(prior.information * e);
   }
-  if (problem.lens) {
-    const IntrinsicVector e = problem.lens->camera.intrinsics() - problem.lens->expected;
-    cost += e.dot(lensInformation(*problem.lens).asDiagonal() * e);
+  if (problem.hasGlobals()) {
+    const GlobalVector e = globalError(problem);
+    cost += e.dot(globalInformation(problem).asDiagonal() * e);
   }
   return cost;
 }
@@ -103,11 +131,10 @@ void addPriors(const BundleProblem& problem, NormalEquations* equations) {
     equations->H_marker[at(prior.marker)] += prior.information;
     equations->g_marker[at(prior.marker)] += prior.information * priorError(problem, prior);
   }
-  if (problem.lens) {
-    const IntrinsicVector information = lensInformation(*problem.lens);
-    equations->H_lens.diagonal() += information;
-    equations->g_lens +=
-        information.cwiseProduct(problem.lens->camera.intrinsics() - problem.lens->expected);
+  if (problem.hasGlobals()) {
+    const GlobalVector information = globalInformation(problem);
+    equations->H_global.diagonal() += information;
+    equations->g_global += information.cwiseProduct(globalError(problem));
   }
 }
 
@@ -117,12 +144,12 @@ void reset(const BundleProblem& problem, NormalEquations* equations) {
   equations->H_marker.assign(problem.markers.size(), Matrix6d::Zero());
   equations->g_marker.assign(problem.markers.size(), Vector6d::Zero());
   equations->H_cross.assign(problem.observations.size(), Matrix6d::Zero());
-  if (problem.lens) {
-    equations->H_camera_lens.assign(problem.cameras.size(), Matrix69d::Zero());
-    equations->H_marker_lens.assign(problem.markers.size(), Matrix69d::Zero());
+  if (problem.hasGlobals()) {
+    equations->H_camera_global.assign(problem.cameras.size(), PoseGlobalMatrix::Zero());
+    equations->H_marker_global.assign(problem.markers.size(), PoseGlobalMatrix::Zero());
   }
-  equations->H_lens.setZero();
-  equations->g_lens.setZero();
+  equations->H_global.setZero();
+  equations->g_global.setZero();
   equations->cost = 0.0;
 }
 
@@ -131,7 +158,7 @@ struct Group {
   const std::vector<BundleProblem::Pose>* poses;
   const std::vector<Matrix6d>* H;
   const std::vector<Vector6d>* g;
-  const std::vector<Matrix69d>* H_lens;
+  const std::vector<PoseGlobalMatrix>* H_global;
 };
 
 Matrix6d damped(const Matrix6d& H, double lambda) {
@@ -150,9 +177,9 @@ class Elimination {
         lambda_(lambda),
         cameras_go_(problem.cameras.size() >= problem.markers.size()),
         cameras_{&problem.cameras, &equations.H_camera, &equations.g_camera,
-                 &equations.H_camera_lens},
+                 &equations.H_camera_global},
         markers_{&problem.markers, &equations.H_marker, &equations.g_marker,
-                 &equations.H_marker_lens},
+                 &equations.H_marker_global},
         gone_(cameras_go_ ? cameras_ : markers_),
         kept_(cameras_go_ ? markers_ : cameras_),
         seen_(gone_.poses->size()),
@@ -165,13 +192,19 @@ class Elimination {
   }
 
   bool solve(BundleStep* step) {
-    ReducedSystem reduced(kept_count_, problem_.lens.has_value());
+    ReducedSystem reduced(kept_count_, problem_.hasGlobals());
     reduce(&reduced);
     const std::optional<Eigen::VectorXd> x = reduced.solve();
     if (!x) return false;
-    if (problem_.lens) step->lens = x->tail<9>();
+    if (problem_.hasGlobals()) step->globals = x->tail<BundleProblem::kGlobals>();
     substitute(*x, step);
     return true;
+  }
+
+  std::optional<double> lastVariance() {
+    ReducedSystem reduced(kept_count_, problem_.hasGlobals());
+    reduce(&reduced);
+    return reduced.lastVariance();
   }
 
  private:
@@ -196,12 +229,12 @@ class Elimination {
       if (kept_index_[i] < 0) continue;
       reduced->addBlock(kept_index_[i], kept_index_[i], damped((*kept_.H)[i], lambda_));
       reduced->addRight(kept_index_[i], -(*kept_.g)[i]);
-      if (problem_.lens) reduced->addLensBlock(kept_index_[i], (*kept_.H_lens)[i]);
+      if (problem_.hasGlobals()) reduced->addGlobalBlock(kept_index_[i], (*kept_.H_global)[i]);
     }
-    if (problem_.lens) {
-      Matrix9d H = equations_.H_lens;
+    if (problem_.hasGlobals()) {
+      GlobalMatrix H = equations_.H_global;
       H.diagonal() *= 1.0 + lambda_;
-      reduced->addLens(H, -equations_.g_lens);
+      reduced->addGlobals(H, -equations_.g_global);
     }
     for (std::size_t e = 0; e < gone_.poses->size(); ++e) {
       if (eliminated(e)) eliminate(e, reduced);
@@ -215,16 +248,16 @@ class Elimination {
       if (i < 0) continue;
       const Matrix6d WtHinv = crossOf(o1).transpose() * inverse_[e];
       reduced->addRight(i, WtHinv * (*gone_.g)[e]);
-      if (problem_.lens) reduced->addLensBlock(i, -(WtHinv * (*gone_.H_lens)[e]));
+      if (problem_.hasGlobals()) reduced->addGlobalBlock(i, -(WtHinv * (*gone_.H_global)[e]));
       for (const std::size_t o2 : seen_[e]) {
         const int j = kept_index_[keptOf(o2)];
         if (j >= 0 && j <= i) reduced->addBlock(i, j, -(WtHinv * crossOf(o2)));
       }
     }
-    if (problem_.lens) {
-      const Matrix69d HinvL = inverse_[e] * (*gone_.H_lens)[e];
-      reduced->addLens(-((*gone_.H_lens)[e].transpose() * HinvL),
-                       HinvL.transpose() * (*gone_.g)[e]);
+    if (problem_.hasGlobals()) {
+      const PoseGlobalMatrix HinvG = inverse_[e] * (*gone_.H_global)[e];
+      reduced->addGlobals(-((*gone_.H_global)[e].transpose() * HinvG),
+                          HinvG.transpose() * (*gone_.g)[e]);
     }
   }
 
@@ -240,7 +273,7 @@ class Elimination {
       if (!eliminated(e)) continue;
       Vector6d rhs = -(*gone_.g)[e];
       for (const std::size_t o : seen_[e]) rhs -= crossOf(o) * kept_step[keptOf(o)];
-      if (problem_.lens) rhs -= (*gone_.H_lens)[e] * step->lens;
+      if (problem_.hasGlobals()) rhs -= (*gone_.H_global)[e] * step->globals;
       gone_step[e] = inverse_[e] * rhs;
     }
   }
@@ -269,7 +302,7 @@ std::vector<WhitenedCorners> whitenCorners(const BundleProblem& problem) {
       Eigen::Matrix2d covariance = observation.detection->covariance[k];
       if (problem.lens) {
         Eigen::Matrix2d J;
-        (void)problem.lens->camera.distort(observation.detection->normalised[k], &J);
+        (void)problem.lens->seen_with.distort(observation.detection->normalised[k], &J);
         covariance = J * covariance * J.transpose();
       }
       corners[k] = whitening(covariance);
@@ -306,7 +339,7 @@ bool linearise(const BundleProblem& problem, const std::vector<WhitenedCorners>&
     const auto& observation = problem.observations[o];
     const std::size_t c = at(observation.camera);
     const std::size_t m = at(observation.marker);
-    differentiate(problem, observation, whitened[o][k], p_w, projection, term);
+    differentiate(problem, o, k, whitened[o][k], p_w, projection, term);
     const double squared = term->residual.squaredNorm();
     const double weight = huberWeight(squared, huber);
     const Matrix26d wJ_c = weight * term->J_camera;
@@ -317,11 +350,11 @@ bool linearise(const BundleProblem& problem, const std::vector<WhitenedCorners>&
     equations->H_marker[m].noalias() += wJ_m.transpose() * term->J_marker;
     equations->g_marker[m].noalias() += wJ_m.transpose() * term->residual;
     equations->H_cross[o].noalias() += wJ_c.transpose() * term->J_marker;
-    if (!problem.lens) return;
-    equations->H_camera_lens[c].noalias() += wJ_c.transpose() * term->J_lens;
-    equations->H_marker_lens[m].noalias() += wJ_m.transpose() * term->J_lens;
-    equations->H_lens.noalias() += weight * term->J_lens.transpose() * term->J_lens;
-    equations->g_lens.noalias() += weight * term->J_lens.transpose() * term->residual;
+    if (!problem.hasGlobals()) return;
+    equations->H_camera_global[c].noalias() += wJ_c.transpose() * term->J_global;
+    equations->H_marker_global[m].noalias() += wJ_m.transpose() * term->J_global;
+    equations->H_global.noalias() += weight * term->J_global.transpose() * term->J_global;
+    equations->g_global.noalias() += weight * term->J_global.transpose() * term->residual;
   };
   if (!forEachCorner(problem, whitened, add)) return false;
   equations->cost += priorCost(problem);
@@ -332,6 +365,12 @@ bool linearise(const BundleProblem& problem, const std::vector<WhitenedCorners>&
 bool solveStep(const BundleProblem& problem, const NormalEquations& equations, double lambda,
                BundleStep* step) {
   return Elimination(problem, equations, lambda).solve(step);
+}
+
+std::optional<double> readoutVariance(const BundleProblem& problem,
+                                      const NormalEquations& equations) {
+  if (!problem.shutter) return std::nullopt;
+  return Elimination(problem, equations, 0.0).lastVariance();
 }
 
 }  // namespace waymark::slam

@@ -3,6 +3,7 @@
 #pragma once
 
 #include <array>
+#include <optional>
 #include <vector>
 
 #include "slam/geometry/reprojection.h"
@@ -15,18 +16,15 @@ namespace waymark::slam {
 using WhitenedCorners = std::array<Eigen::Matrix2d, 4>;
 [[nodiscard]] std::vector<WhitenedCorners> whitenCorners(const BundleProblem& problem);
 
-using Matrix69d = Eigen::Matrix<double, 6, 9>;
-using Matrix9d = Eigen::Matrix<double, 9, 9>;
-
-// One 6x6 block per camera, per marker, and per observation between them; and the intrinsics' nine
-// unknowns at the end, where they are free.
+// One 6x6 block per camera, per marker, and per observation between them; and the globals' at the
+// end, where there are any.
 struct NormalEquations {
   std::vector<Matrix6d> H_camera, H_marker;
   std::vector<Vector6d> g_camera, g_marker;
   std::vector<Matrix6d> H_cross;  // camera rows, marker columns; by observation
-  std::vector<Matrix69d> H_camera_lens, H_marker_lens;  // empty without a lens
-  Matrix9d H_lens = Matrix9d::Zero();
-  IntrinsicVector g_lens = IntrinsicVector::Zero();
+  std::vector<PoseGlobalMatrix> H_camera_global, H_marker_global;  // empty without globals
+  GlobalMatrix H_global = GlobalMatrix::Zero();
+  GlobalVector g_global = GlobalVector::Zero();
   double cost = 0.0;
 };
 
@@ -46,11 +44,15 @@ struct NormalEquations {
 
 struct BundleStep {
   std::vector<Vector6d> camera, marker;  // zero for fixed poses
-  IntrinsicVector lens = IntrinsicVector::Zero();
+  GlobalVector globals = GlobalVector::Zero();
 };
 
 // Solves the damped equations; false when they are singular.
 [[nodiscard]] bool solveStep(const BundleProblem& problem, const NormalEquations& equations,
                              double lambda, BundleStep* step);
+
+// Variance of the readout time, whitened, all other unknowns free as well. Empty when it is none.
+[[nodiscard]] std::optional<double> readoutVariance(const BundleProblem& problem,
+                                                    const NormalEquations& equations);
 
 }  // namespace waymark::slam

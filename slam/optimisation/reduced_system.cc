@@ -11,12 +11,12 @@ constexpr int kLargestDense = 900;  // unknowns
 
 }  // namespace
 
-ReducedSystem::ReducedSystem(int poses, bool with_lens)
+ReducedSystem::ReducedSystem(int poses, bool with_globals)
     : pose_unknowns_(6 * poses), dense_(6 * poses <= kLargestDense) {
-  const int lens = with_lens ? 9 : 0;
-  if (dense_) lower_.setZero(pose_unknowns_ + lens, pose_unknowns_ + lens);
-  lens_rows_.setZero(lens, pose_unknowns_ + lens);
-  right_.setZero(pose_unknowns_ + lens);
+  const int globals = with_globals ? BundleProblem::kGlobals : 0;
+  if (dense_) lower_.setZero(pose_unknowns_ + globals, pose_unknowns_ + globals);
+  global_rows_.setZero(globals, pose_unknowns_ + globals);
+  right_.setZero(pose_unknowns_ + globals);
 }
 
 void ReducedSystem::addBlock(int row, int column, const Matrix6d& block) {
@@ -27,31 +27,36 @@ void ReducedSystem::addBlock(int row, int column, const Matrix6d& block) {
   }
 }
 
-void ReducedSystem::addLensBlock(int row, const Eigen::Matrix<double, 6, 9>& block) {
-  lens_rows_.block<9, 6>(0, 6 * row) += block.transpose();
+void ReducedSystem::addGlobalBlock(int row, const PoseGlobalMatrix& block) {
+  global_rows_.block<BundleProblem::kGlobals, 6>(0, 6 * row) += block.transpose();
 }
 
-void ReducedSystem::addLens(const Eigen::Matrix<double, 9, 9>& block,
-                            const IntrinsicVector& right) {
-  lens_rows_.rightCols<9>() += block;
-  right_.tail<9>() += right;
+void ReducedSystem::addGlobals(const GlobalMatrix& block, const GlobalVector& right) {
+  global_rows_.rightCols<BundleProblem::kGlobals>() += block;
+  right_.tail<BundleProblem::kGlobals>() += right;
 }
 
-std::optional<Eigen::VectorXd> ReducedSystem::solve() const {
-  if (right_.size() == 0) return Eigen::VectorXd();
-  if (!dense_) return solveSparse();
+std::optional<double> ReducedSystem::lastVariance() const {
+  const auto column = solveFor(Eigen::VectorXd::Unit(right_.size(), right_.size() - 1));
+  if (!column) return std::nullopt;
+  return (*column)[right_.size() - 1];
+}
+
+std::optional<Eigen::VectorXd> ReducedSystem::solveFor(const Eigen::VectorXd& right) const {
+  if (right.size() == 0) return Eigen::VectorXd();
+  if (!dense_) return solveSparse(right);
   Eigen::MatrixXd S = lower_;
-  if (lens_rows_.rows() > 0) S.bottomRows<9>() = lens_rows_;
+  if (global_rows_.rows() > 0) S.bottomRows<BundleProblem::kGlobals>() = global_rows_;
   const Eigen::LLT<Eigen::MatrixXd, Eigen::Lower> factor(S);
   if (factor.info() != Eigen::Success) return std::nullopt;
-  Eigen::VectorXd x = factor.solve(right_);
+  Eigen::VectorXd x = factor.solve(right);
   if (!x.allFinite()) return std::nullopt;
   return x;
 }
 
-std::optional<Eigen::VectorXd> ReducedSystem::solveSparse() const {
+std::optional<Eigen::VectorXd> ReducedSystem::solveSparse(const Eigen::VectorXd& right) const {
   std::vector<Eigen::Triplet<double>> entries;
-  entries.reserve(36 * blocks_.size() + static_cast<std::size_t>(lens_rows_.size()));
+  entries.reserve(36 * blocks_.size() + static_cast<std::size_t>(global_rows_.size()));
   for (const auto& [place, block] : blocks_) {
     const auto [row, column] = place;
     for (int j = 0; j < 6; ++j) {
@@ -60,16 +65,16 @@ std::optional<Eigen::VectorXd> ReducedSystem::solveSparse() const {
       }
     }
   }
-  for (int i = 0; i < lens_rows_.rows(); ++i) {
+  for (int i = 0; i < global_rows_.rows(); ++i) {
     for (int j = 0; j <= pose_unknowns_ + i; ++j) {
-      entries.emplace_back(pose_unknowns_ + i, j, lens_rows_(i, j));
+      entries.emplace_back(pose_unknowns_ + i, j, global_rows_(i, j));
     }
   }
-  Eigen::SparseMatrix<double> S(right_.size(), right_.size());
+  Eigen::SparseMatrix<double> S(right.size(), right.size());
   S.setFromTriplets(entries.begin(), entries.end());
   const Eigen::SimplicialLLT<Eigen::SparseMatrix<double>, Eigen::Lower> factor(S);
   if (factor.info() != Eigen::Success) return std::nullopt;
-  Eigen::VectorXd x = factor.solve(right_);
+  Eigen::VectorXd x = factor.solve(right);
   if (!x.allFinite()) return std::nullopt;
   return x;
 }

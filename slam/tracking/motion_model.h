@@ -25,6 +25,10 @@ class MotionModel {
   void correct(const Transform& T_w_c);
   void reset();
 
+  // The camera's velocity in its own frame, m/s and rad/s, if it is at T_w_c now; empty without a
+  // recent pose.
+  [[nodiscard]] std::optional<Vector6d> twistTo(const Transform& T_w_c, std::int64_t time_ns) const;
+
   // Empty without a recent pose.
   [[nodiscard]] std::optional<Transform> predict(std::int64_t time_ns) const;
 

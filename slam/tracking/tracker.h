@@ -40,6 +40,14 @@ class Tracker {
   // The map moved under the camera: same instant, new coordinates.
   void correct(const Transform& T_w_c) { motion_.correct(T_w_c); }
 
+  [[nodiscard]] std::optional<Transform> predict(std::int64_t time_ns) const {
+    return motion_.predict(time_ns);
+  }
+  // As MotionModel's; zero where nothing is known. Before commit().
+  [[nodiscard]] Vector6d twistTo(const Transform& T_w_c, std::int64_t time_ns) const {
+    return motion_.twistTo(T_w_c, time_ns).value_or(Vector6d::Zero());
+  }
+
   [[nodiscard]] const PoseOptimiser& optimiser() const { return optimiser_; }
   [[nodiscard]] double focalLength() const { return focal_px_; }
 

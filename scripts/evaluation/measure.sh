@@ -1,0 +1,115 @@
+# One row of the tables: a run, measured, as a JSON file. Sourced by scripts/evaluate; needs
+# $waymark, $work (scratch) and sequences.sh.
+
+# Seconds before a loop closes in which the live trajectory may be worse than twice the final one.
+seconds_before_loop=5
+
+# The commit that is measured; the report's own changes do not count.
+commit() {
+  local dirty
+  dirty=$(git status --porcelain --untracked-files=no -- . ':!docs/results.md' 2> /dev/null) || true
+  printf '%s%s' "$(git rev-parse --short HEAD 2> /dev/null || echo unknown)" "${dirty:+-dirty}"
+}
+
+provenance() {
+  jq -n --arg commit "$(commit)" --arg date "$(date -u +%Y-%m-%d)" \
+    --arg cpu "$(nproc) cores of $(sed -n 's/^model name[[:space:]]*: //p' /proc/cpuinfo | head -n 1)" \
+    '{commit: $commit, date: $date, cpu: $cpu}'
+}
+
+# write_json FILE: stdin to FILE, whole or not at all.
+write_json() {
+  mkdir -p "$(dirname "$1")"
+  jq . > "$1.partial"
+  mv "$1.partial" "$1"
+}
+
+# settings_file ROW: the configuration that `waymark run` gets for it.
+settings_file() {
+  { echo "[slam]"; jq -r '.settings[]?' <<< "$1"; } > "$work/settings.toml"
+  printf '%s' "$work/settings.toml"
+}
+
+# measure_row ROW SEED FILE: renders, runs and evaluates a row of rows.json.
+measure_row() {
+  local row=$1 seed=$2 file=$3 arguments ignore video truth=$work/truth out=$work/out windows
+  mapfile -t arguments < <(jq -r '.simulate[]' <<< "$row")
+  arguments+=(--seed "$seed")
+  mapfile -t ignore < <(jq -r 'if .ignore then "--ignore", .ignore[] else empty end' <<< "$row")
+  video=$(render "${arguments[@]}")
+  rm -rf "$truth" "$out"
+  "$waymark" simulate "${arguments[@]}" --out "$truth" --truth-only
+  "$waymark" run "$video" --calibration "$truth/calib.yml" --config "$(settings_file "$row")" \
+    --dictionary "$(jq -r .dictionary "$truth/simulation.json")" \
+    --marker-size "$(jq -r .marker_size_m "$truth/simulation.json")" \
+    --save-detections "$out/detections.csv" --out "$out" --quiet || [[ $? -eq 3 ]]
+  if [[ $(jq .localized "$out/stats.json") -eq 0 ]]; then # nothing to measure
+    jq -n --argjson row "$row" --argjson seed "$seed" --argjson made "$(provenance)" \
+      --slurpfile stats "$out/stats.json" \
+      '{row: $row.name, seed: $seed, made: $made, stats: $stats[0]}' | write_json "$file"
+    return
+  fi
+  "$waymark" eval --truth "$truth/gt_traj.txt" --estimate "$out/trajectory.tum" \
+    --map "$out/map.json" --visible "$truth/gt_visible.csv" --json > "$work/live.json"
+  mapfile -t windows < <(jq -r --argjson s $seconds_before_loop \
+    '.loop_closed_at_s[] | "--skip", "\([0, . - $s] | max):\(. + 0.001)"' "$out/stats.json")
+  "$waymark" eval --truth "$truth/gt_traj.txt" --estimate "$out/trajectory.tum" \
+    "${windows[@]}" --json > "$work/settled.json"
+  "$waymark" eval --truth "$truth/gt_traj.txt" --estimate "$out/trajectory_final.tum" \
+    --truth-map "$truth/gt_map.json" --map "$out/map.json" --limit "$out/detections.csv" \
+    --calibration "$truth/calib.yml" "${ignore[@]}" --json > "$work/final.json"
+  jq -n --argjson row "$row" --argjson seed "$seed" --argjson made "$(provenance)" \
+    --slurpfile stats "$out/stats.json" --slurpfile live "$work/live.json" \
+    --slurpfile settled "$work/settled.json" --slurpfile final "$work/final.json" \
+    '{row: $row.name, seed: $seed, made: $made, stats: $stats[0], live: $live[0],
+      settled: $settled[0], final: $final[0]}' | write_json "$file"
+}
+
+# measure_corners FILE: the refined corners against the truth, by accuracy_test.
+measure_corners() {
+  build/release/tests/accuracy_test --gtest_filter='*CornerAccuracy.*' \
+    --gtest_output="json:$work/corners.json" > "$work/corners.log" ||
+    { cat "$work/corners.log" >&2; return 1; }
+  jq --argjson made "$(provenance)" '{made: $made, scenes: [.testsuites[].testsuite[]
+      | select(.scene) | {scene, corners, rms_px, bias_x_px, bias_y_px, bias_outward_px,
+                          consistency}]}' "$work/corners.json" | write_json "$1"
+}
+
+# reversed_images FROM TO: the images of a directory, last first, under new names.
+reversed_images() {
+  local image i=0
+  mkdir -p "$2"
+  while read -r image; do
+    ln -s "$image" "$2/$(printf %06d $i).${image##*.}"
+    i=$((i + 1))
+  done < <(find "$(realpath "$1")" -maxdepth 1 -type f ! -name '*.txt' | LC_ALL=C sort -r)
+}
+
+# measure_recording RECORDING FOLDER KEPT FILE: a real recording. Its map and picture stay in KEPT.
+measure_recording() {
+  local recording=$1 from=$2 kept=$3 file=$4 source options=() other
+  source=$from/$(jq -r .source <<< "$recording")
+  if [[ $(jq -r '.reversed // false' <<< "$recording") == true ]]; then
+    rm -rf "$work/reversed"
+    reversed_images "$source" "$work/reversed"
+    source=$work/reversed
+  fi
+  rm -rf "$kept"
+  "$waymark" run "$source" --calibration "$from/calib.yml" --out "$kept" --quiet \
+    --dictionary "$(jq -r .dictionary <<< "$recording")" \
+    --marker-size "$(jq -r .size_m <<< "$recording")"
+  [[ -f $from/gt_traj.txt ]] &&
+    options+=(--truth "$from/gt_traj.txt" --estimate "$kept/trajectory_final.tum")
+  [[ -f $from/gt_map.json ]] && options+=(--truth-map "$from/gt_map.json" --map "$kept/map.json")
+  echo '{}' > "$work/truth.json"
+  [[ ${#options[@]} -eq 0 ]] || "$waymark" eval "${options[@]}" --json > "$work/truth.json"
+  echo '{}' > "$work/other.json"
+  other=$(jq -r '.same_map_as // empty' <<< "$recording")
+  [[ -z $other || ! -f $kept/../$other/map.json ]] ||
+    "$waymark" eval --truth-map "$kept/../$other/map.json" --map "$kept/map.json" --json > "$work/other.json"
+  jq -n --argjson recording "$recording" --argjson made "$(provenance)" \
+    --slurpfile stats "$kept/stats.json" --slurpfile truth "$work/truth.json" \
+    --slurpfile other "$work/other.json" \
+    '{recording: $recording.name, made: $made, stats: $stats[0], truth: $truth[0],
+      other: $other[0]}' | write_json "$file"
+}

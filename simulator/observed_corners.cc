@@ -1,0 +1,67 @@
+#include "simulator/observed_corners.h"
+
+#include <algorithm>
+
+#include <Eigen/LU>
+
+#include "simulator/random.h"
+
+namespace waymark::simulator {
+namespace {
+
+// Without noise. Empty when the marker is not wholly in view.
+std::optional<slam::MarkerDetection> seen(const slam::CameraModel& camera,
+                                          const slam::Transform& T_w_c, const Marker& marker) {
+  const slam::Transform T_c_m = T_w_c.inverse() * marker.T_w_m;
+  const bool in_front = T_c_m.p.z() > 0.0;
+  const bool faces_us = T_c_m.R.col(2).dot(T_c_m.p) < 0.0;
+  if (!in_front || !faces_us) return std::nullopt;
+  slam::MarkerDetection detection;
+  detection.id = marker.id;
+  const auto corners = slam::markerCorners(marker.size_m);
+  for (std::size_t k = 0; k < 4; ++k) {
+    const auto pixel = camera.project(T_c_m * corners[k]);
+    if (!pixel || !camera.inImage(*pixel)) return std::nullopt;
+    detection.pixels[k] = *pixel;
+  }
+  return detection;
+}
+
+// False when a corner has left the lens's range.
+bool disturb(const slam::CameraModel& camera, double sigma_px, Random* random,
+             slam::MarkerDetection* detection) {
+  for (std::size_t k = 0; k < 4; ++k) {
+    const double dx = random->gaussian();
+    const double dy = random->gaussian();
+    detection->pixels[k] += sigma_px * Eigen::Vector2d(dx, dy);
+    const auto normalised = camera.undistort(detection->pixels[k]);
+    if (!normalised) return false;
+    detection->normalised[k] = *normalised;
+    Eigen::Matrix2d J;  // pixel by normalised
+    static_cast<void>(camera.distort(*normalised, &J));
+    detection->covariance[k] = sigma_px * sigma_px * (J.transpose() * J).inverse();
+  }
+  return true;
+}
+
+}  // namespace
+
+std::vector<slam::MarkerDetection> observeCorners(const slam::CameraModel& camera,
+                                                  const slam::Transform& T_w_c,
+                                                  std::span<const Marker> markers,
+                                                  std::uint64_t frame,
+                                                  const ObservationOptions& options) {
+  Random random(options.seed, frame);
+  std::vector<slam::MarkerDetection> detections;
+  for (const Marker& marker : markers) {
+    std::optional<slam::MarkerDetection> detection = seen(camera, T_w_c, marker);
+    if (detection && disturb(camera, options.sigma_px, &random, &*detection)) {
+      detections.push_back(*detection);
+    }
+  }
+  std::stable_sort(detections.begin(), detections.end(),
+                   [](const auto& a, const auto& b) { return a.id < b.id; });
+  return detections;
+}
+
+}  // namespace waymark::simulator

@@ -1,0 +1,61 @@
+#include "slam/rolling_shutter/rolling_shutter.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "slam/geometry/reprojection.h"
+
+namespace waymark::slam {
+
+Eigen::Vector2d imageVelocity(const Eigen::Vector3d& p_c, const Twist& twist) {
+  const Eigen::Vector3d velocity = -twist.head<3>() - twist.tail<3>().cross(p_c);
+  const double iz = 1.0 / p_c.z();
+  return iz * (velocity.head<2>() - velocity.z() * iz * p_c.head<2>());
+}
+
+MarkerDetection atMidFrame(const MarkerDetection& seen, const CameraModel& camera,
+                           const Twist& twist, const std::array<double, 4>& depth_m,
+                           double readout_s) {
+  MarkerDetection corrected = seen;
+  for (std::size_t k = 0; k < 4; ++k) {
+    const auto normalised = camera.undistort(seen.pixels[k]);
+    if (!normalised) return seen;  // recorded corners outside the lens were dropped before
+    const double late_s = readout_s * rowTime(seen.pixels[k].y(), camera.height());
+    const Eigen::Vector3d p_c = depth_m[k] * normalised->homogeneous();
+    corrected.normalised[k] = *normalised - late_s * imageVelocity(p_c, twist);
+  }
+  return corrected;
+}
+
+std::array<double, 4> depthFromSize(const MarkerDetection& seen, double size_m) {
+  double perimeter = 0.0;
+  for (std::size_t k = 0; k < 4; ++k) {
+    perimeter += (seen.normalised[(k + 1) % 4] - seen.normalised[k]).norm();
+  }
+  std::array<double, 4> depth_m;
+  depth_m.fill(4.0 * size_m / std::max(perimeter, 1e-9));
+  return depth_m;
+}
+
+std::optional<std::array<double, 4>> depthFromPose(const Transform& T_w_c, const Transform& T_w_m,
+                                                   double size_m) {
+  const Transform T_c_m = T_w_c.inverse() * T_w_m;
+  const auto corners = markerCorners(size_m);
+  std::array<double, 4> depth_m;
+  for (std::size_t k = 0; k < 4; ++k) {
+    depth_m[k] = (T_c_m * corners[k]).z();
+    if (depth_m[k] < kNearestDepth) return std::nullopt;
+  }
+  return depth_m;
+}
+
+bool believable(double estimated_s, double sigma_s, double in_use_s,
+                const RollingShutterOptions& options) {
+  const double length = std::abs(estimated_s);
+  if (length > options.longest_s || length < options.least_s) return false;
+  if (length < options.least_sigmas * sigma_s) return false;
+  // A change moves every corner of the map: not for what noise does to the estimate.
+  return std::abs(estimated_s - in_use_s) > 2.0 * sigma_s;
+}
+
+}  // namespace waymark::slam

@@ -1,0 +1,59 @@
+// Rolling shutters: the rows of an image are read one after the other, so a moving camera sees each
+// marker at a time of its own. Corners are moved to where the middle row's time would have shown
+// them. The readout time itself is learned: it is one more unknown of the optimisation of the whole
+// map (map_optimiser.h). Beyond seed 1, which takes every camera for a global shutter.
+#pragma once
+
+#include <array>
+#include <optional>
+
+#include "slam/detection/marker_detection.h"
+#include "slam/geometry/camera_model.h"
+#include "slam/geometry/transform.h"
+
+namespace waymark::slam {
+
+// Velocity of the camera in its own frame: metres per second, then radians per second.
+using Twist = Vector6d;
+
+// How fast the image of a point in the camera frame moves, in normalised coordinates per second.
+// Precondition: p_c.z() > 0.
+[[nodiscard]] Eigen::Vector2d imageVelocity(const Eigen::Vector3d& p_c, const Twist& twist);
+
+// Time of a pixel row from the middle row's, in parts of the readout time: -0.5 to 0.5.
+[[nodiscard]] inline double rowTime(double row_px, int height_px) {
+  return row_px / (height_px - 1) - 0.5;
+}
+
+// The detection with `normalised` as at the middle row's time; `pixels` stay as they were seen.
+// depth_m: of each corner.
+[[nodiscard]] MarkerDetection atMidFrame(const MarkerDetection& seen, const CameraModel& camera,
+                                         const Twist& twist, const std::array<double, 4>& depth_m,
+                                         double readout_s);
+// A marker's distance as its size in the image tells it, for all four corners: good enough where
+// the map does not know it.
+[[nodiscard]] std::array<double, 4> depthFromSize(const MarkerDetection& seen, double size_m);
+// The corners' depths of a marker at T_w_m; empty when one is not in front of the camera.
+[[nodiscard]] std::optional<std::array<double, 4>> depthFromPose(const Transform& T_w_c,
+                                                                 const Transform& T_w_m,
+                                                                 double size_m);
+
+struct RollingShutterOptions {
+  // First to last row, seconds: 0 for a global shutter. Empty: learned.
+  std::optional<double> readout_s;
+  // A learned readout is believed from this length on, seconds, and only if it is this many of its
+  // standard deviations long: lens and map errors look like a little of it.
+  double least_s = 0.003;
+  double least_sigmas = 8.0;
+  double longest_s = 0.1;
+  // It is estimated when the map has this many keyframes, and again whenever it has grown by the
+  // factor; each time costs an optimisation of the whole map.
+  int first_keyframes = 8;
+  double growth = 1.4;
+};
+
+// Whether an estimate is to be used instead of the readout time in use.
+[[nodiscard]] bool believable(double estimated_s, double sigma_s, double in_use_s,
+                              const RollingShutterOptions& options);
+
+}  // namespace waymark::slam

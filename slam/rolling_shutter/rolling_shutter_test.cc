@@ -1,0 +1,139 @@
+#include "slam/rolling_shutter/rolling_shutter.h"
+
+#include <random>
+
+#include <gtest/gtest.h>
+
+#include "slam/map/map.h"
+#include "slam/optimisation/map_optimiser.h"
+#include "slam/testing/synthetic.h"
+
+namespace waymark::slam {
+namespace {
+
+constexpr double kSize = 0.12;
+constexpr double kReadout_s = 0.02;
+
+Transform moved(const Transform& T_w_c, const Twist& twist, double seconds) {
+  return T_w_c * Transform{expSo3(seconds * twist.tail<3>()), seconds * twist.head<3>()};
+}
+
+// The marker as a camera with a rolling shutter sees it while it moves: each corner at the time its
+// row is read. The rows are found by going there and looking.
+std::optional<MarkerDetection> observeRolling(const CameraModel& camera, const Transform& T_w_c,
+                                              const Twist& twist,
+                                              const testing::SyntheticMarker& marker,
+                                              double sigma_px, std::mt19937* rng) {
+  auto seen = testing::observe(camera, T_w_c, marker.id, marker.T_w_m, kSize, 0.0, rng);
+  if (!seen) return std::nullopt;
+  std::normal_distribution<double> noise(0.0, sigma_px);
+  const auto corners = markerCorners(kSize);
+  for (std::size_t k = 0; k < 4; ++k) {
+    for (int i = 0; i < 10; ++i) {
+      const double late_s = kReadout_s * rowTime(seen->pixels[k].y(), camera.height());
+      const Transform T_w_late = moved(T_w_c, twist, late_s);
+      const auto pixel = camera.project(T_w_late.inverse() * (marker.T_w_m * corners[k]));
+      if (!pixel) return std::nullopt;
+      seen->pixels[k] = *pixel;
+    }
+    seen->pixels[k] += Eigen::Vector2d(noise(*rng), noise(*rng));
+    const auto normalised = camera.undistort(seen->pixels[k]);
+    if (!normalised) return std::nullopt;
+    seen->normalised[k] = *normalised;
+  }
+  return seen;
+}
+
+class RollingShutterTest : public ::testing::Test {
+ protected:
+  // A map of the truth, but with corners as the shutter skewed them.
+  Map mapSeenRolling(double speed, double sigma_px) {
+    Map map;
+    for (const auto& marker : markers_) map.addMarker(marker.id, kSize).T_w_m = marker.T_w_m;
+    std::uniform_real_distribution<double> u(-speed, speed);
+    for (int i = 0; i < 14; ++i) {
+      Keyframe keyframe;
+      keyframe.T_w_c = testing::lookAt({0.2 * i - 1.3, 0.3 * (i % 3), 0.15 * (i % 2)},
+                                       {0.1 * i - 0.6, 3.0, 0.0});
+      keyframe.twist << u(rng_), u(rng_), u(rng_), u(rng_), u(rng_), u(rng_);
+      for (const auto& marker : markers_) {
+        const auto seen =
+            observeRolling(camera_, keyframe.T_w_c, keyframe.twist, marker, sigma_px, &rng_);
+        if (seen) keyframe.detections.push_back(*seen);
+      }
+      (void)map.addKeyframe(keyframe);
+    }
+    return map;
+  }
+
+  std::mt19937 rng_{21};
+  CameraModel camera_{testing::testCalibration()};
+  std::vector<testing::SyntheticMarker> markers_ = testing::markerWall(3, 5, 0.5, &rng_);
+  MarkerOptions options_{.size_m = kSize};
+  BundleOptions bundle_{.max_iterations = 30, .min_relative_decrease = 1e-8};
+};
+
+TEST(RollingShutter, ImageVelocityMatchesFiniteDifferences) {
+  Twist twist;
+  twist << 0.3, -0.2, 0.4, 0.5, -0.7, 0.6;
+  const Eigen::Vector3d p_c(0.4, -0.3, 2.0);
+  const auto imageAt = [&](double seconds) {
+    return (moved(Transform{}, twist, seconds).inverse() * p_c).hnormalized().eval();
+  };
+  constexpr double kStep_s = 1e-5;
+  const Eigen::Vector2d numeric = (imageAt(kStep_s) - imageAt(-kStep_s)) / (2.0 * kStep_s);
+  EXPECT_LT((imageVelocity(p_c, twist) - numeric).norm(), 1e-8);
+}
+
+TEST_F(RollingShutterTest, CornersComeBackToTheMiddleRowsTime) {
+  const Transform T_w_c = testing::lookAt({0.2, 0.3, -0.1}, {0.0, 3.0, 0.0});
+  Twist twist;
+  twist << 0.2, 0.1, -0.1, 0.3, 0.8, -0.2;
+  double worst_skewed_px = 0.0;
+  for (const auto& marker : markers_) {
+    const auto truth = testing::observe(camera_, T_w_c, marker.id, marker.T_w_m, kSize, 0.0, &rng_);
+    const auto seen = observeRolling(camera_, T_w_c, twist, marker, 0.0, &rng_);
+    const auto depth_m = depthFromPose(T_w_c, marker.T_w_m, kSize);
+    if (!truth || !seen || !depth_m) continue;
+    const MarkerDetection corrected = atMidFrame(*seen, camera_, twist, *depth_m, kReadout_s);
+    for (std::size_t k = 0; k < 4; ++k) {
+      worst_skewed_px = std::max(worst_skewed_px, (seen->pixels[k] - truth->pixels[k]).norm());
+      const double left = (corrected.normalised[k] - truth->normalised[k]).norm();
+      EXPECT_LT(camera_.focalLength() * left, 0.1) << "marker " << marker.id;
+      EXPECT_EQ(corrected.pixels[k], seen->pixels[k]);
+    }
+  }
+  EXPECT_GT(worst_skewed_px, 1.0);  // there was something to correct
+}
+
+TEST_F(RollingShutterTest, AMarkersSizeTellsItsDepth) {
+  const Transform T_w_c = testing::lookAt({0.0, 0.0, 0.0}, {0.0, 3.0, 0.0});
+  const Transform T_w_m = testing::markerFacing({0.0, 3.0, 0.0}, {0.0, 0.0, 0.0});
+  const auto seen = testing::observe(camera_, T_w_c, 0, T_w_m, kSize, 0.0, &rng_);
+  ASSERT_TRUE(seen);
+  EXPECT_NEAR(depthFromSize(*seen, kSize)[0], 3.0, 0.03);
+}
+
+TEST_F(RollingShutterTest, TheReadoutTimeIsFoundWithTheMap) {
+  Map map = mapSeenRolling(0.6, 0.1);
+  const auto found = optimiseWithReadout(&map, options_, 0.0, camera_, bundle_);
+  ASSERT_TRUE(found);
+  EXPECT_NEAR(found->readout_s, kReadout_s, 4.0 * found->sigma_s);
+  EXPECT_LT(found->sigma_s, 0.001);
+  EXPECT_TRUE(believable(found->readout_s, found->sigma_s, 0.0, {}));
+  // Corrected with what was found, nothing is left to find.
+  map.undistortAgain(camera_, found->readout_s);
+  const auto again = optimiseWithReadout(&map, options_, found->readout_s, camera_, bundle_);
+  ASSERT_TRUE(again);
+  EXPECT_NEAR(again->readout_s, found->readout_s, found->sigma_s);
+  EXPECT_FALSE(believable(again->readout_s, again->sigma_s, found->readout_s, {}));
+}
+
+TEST_F(RollingShutterTest, ACameraAtRestDoesNotInventOne) {
+  Map map = mapSeenRolling(0.0, 0.1);
+  const auto found = optimiseWithReadout(&map, options_, 0.0, camera_, bundle_);
+  EXPECT_TRUE(!found || !believable(found->readout_s, found->sigma_s, 0.0, {}));
+}
+
+}  // namespace
+}  // namespace waymark::slam
