@@ -259,7 +259,7 @@ TEST_F(MapLife, OtherProgramsMaps) {
   EXPECT_EQ(readFile(path("ply")).rfind("ply\n", 0), 0U);
   const std::string poses = readFile(path("tum"));
   EXPECT_EQ(static_cast<std::size_t>(std::count(poses.begin(), poses.end(), '\n')),
-            map.keyframes().size());
+            map.keyframes().size() + 1);  // and a comment
   expectBadInput(waymark({"map", "export", path("aruco.json"), "--format", "tum", path("none")}),
                  "aruco.json: has no keyframes");
   expectBadInput(waymark({"map", "export", path("a/map.json"), "--format", "obj", path("none")}),
