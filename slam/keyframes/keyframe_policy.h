@@ -36,8 +36,8 @@ struct KeyframeOptions {
 enum class KeyframeReason { kNone, kNewMarker, kMarkerResolved, kBaseline };
 
 // Rules 1, 2a and 2b of section 4.4. `resolved`: an unposed marker is unambiguous in this frame. By
-// rule 2b a frame is taken only if culling would keep it; the rule holds for all detections together
-// and for each marker without a pose.
+// rule 2b a frame is taken only if culling would keep it; the rule holds for all detections
+// together and for each marker without a pose.
 [[nodiscard]] KeyframeReason keyframeReason(const Map& map,
                                             std::span<const MarkerDetection> detections,
                                             const Transform& T_w_c, double depth_m, bool resolved,
