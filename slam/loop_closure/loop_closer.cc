@@ -175,6 +175,16 @@ Candidate tryCandidate(const Map& map, const LoopFrame& loop, const Transform& e
   return candidate;
 }
 
+// Of the old views' cost, in units of the noise squared.
+double allowedGrowth(const MapFit& before, std::size_t loop_markers, const LoopOptions& options) {
+  const double variance = before.noise * before.noise;
+  const double cost = before.cost / variance;
+  const double of_model_errors = cost * (1.0 - 1.0 / variance);
+  return static_cast<double>(loop_markers) *
+             (options.max_growth + options.max_growth_share * cost) +
+         options.max_growth_of_model_errors * of_model_errors;
+}
+
 // The optimisation may have led the second candidate to the first one's map: no contradiction.
 bool isAnother(const ClosedLoop& a, const ClosedLoop& b) {
   constexpr double kOtherRotation = 0.05;  // radians, of the closing frame
@@ -190,9 +200,7 @@ std::variant<ClosedLoop, LoopRefusal> closeLoop(const Map& map, const LoopFrame&
   MapFit before = fitOf(map, options.optimisation.huber);
   const double huber = before.noise * options.optimisation.huber;
   before.cost = fitOf(map, huber).cost;
-  const double allowed =
-      static_cast<double>(loop.loop_markers.size()) *
-      (options.max_growth + options.max_growth_share * before.cost / (before.noise * before.noise));
+  const double allowed = allowedGrowth(before, loop.loop_markers.size(), options);
   std::optional<Candidate> best;
   std::optional<Candidate> other;
   for (const Transform& expected : loop.expected) {

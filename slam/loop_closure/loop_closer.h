@@ -25,6 +25,10 @@ struct LoopOptions {
   // them. One marker alone may have moved; several that agree with each other hardly have.
   double max_growth = 60.0;
   double max_growth_share = 0.01;
+  // Beyond that, by this share of the cost that the corners' own noise does not explain. It comes
+  // from the lens model and from bent paper; such errors go together, and a true closure has to pay
+  // for those of the whole way round.
+  double max_growth_of_model_errors = 0.2;
   // Largest mean squared whitened error of the closing frame's corners (2 residuals each), in units
   // of the noise.
   double worst_closing_error = 12.0;
