@@ -339,7 +339,7 @@ class Slam::Impl {
       recordContradiction(*sight);
       return;
     }
-    LoopFrame candidate = loopFrame(*sight);
+    const LoopFrame candidate = loopFrame(*sight, loop);
     if (candidate.expected.empty()) return;
     auto outcome = slam::closeLoop(map_, candidate, options_.markers, options_.loops);
     if (std::holds_alternative<LoopRefusal>(outcome)) {
@@ -352,12 +352,16 @@ class Slam::Impl {
       return;
     }
     contradicting_marker_ = -1;
-    auto& closed = std::get<ClosedLoop>(outcome);
+    adopt(std::move(std::get<ClosedLoop>(outcome)), sight, result);
+  }
+
+  void adopt(ClosedLoop closed, Sight* sight, FrameResult* result) {
     map_ = std::move(closed.map);
     ++counters_.loop_closures;
     ++counters_.keyframes_added;
     moveTo(map_.keyframes().at(closed.keyframe).T_w_c, result);
     sight->fitting.clear();  // the frame is in the map already
+    watch_.forget();
     loop_detector_.forget();
     result->map_changed = result->keyframe_added = true;
   }
@@ -391,9 +395,9 @@ class Slam::Impl {
     sight->closes_loop = true;
   }
 
-  // The frame with the markers of L(t) that agree with each other, and where they say it is.
-  [[nodiscard]] LoopFrame loopFrame(const Sight& sight) const {
-    const std::vector<KnownMarker>& loop = sight.known.loop;
+  // The frame with the markers of L(t), given as `loop`, that agree with each other, and where they
+  // say it is.
+  [[nodiscard]] LoopFrame loopFrame(const Sight& sight, std::span<const KnownMarker> loop) const {
     LoopFrame frame{frameOf(sight, sight.solution.T_w_c), {}, {}, *loop_detector_.reference()};
     const auto add = [&](const KnownMarker& marker) {
       frame.loop_markers.push_back(marker.detection->id);
@@ -429,10 +433,29 @@ class Slam::Impl {
     watch_.record(contradicting_marker_, false, sight.time.monotonic_ns);
   }
 
+  // Markers that have disagreed for long moved, or the map around them did: a loop that went
+  // unnoticed, because the markers at its end were known here already. That is tried first.
+  bool closeLoopToMisfits(Sight* sight, FrameResult* result) {
+    if (!loop_detector_.reference()) return false;
+    std::vector<KnownMarker> misfits;
+    for (std::size_t i = 0; i < sight->known.eligible.size(); ++i) {
+      if (!sight->solution.inlier[i]) misfits.push_back(sight->known.eligible[i]);
+    }
+    if (misfits.empty()) return false;
+    const LoopFrame candidate = loopFrame(*sight, misfits);
+    if (candidate.expected.empty()) return false;
+    auto outcome = slam::closeLoop(map_, candidate, options_.markers, options_.loops);
+    if (!std::holds_alternative<ClosedLoop>(outcome)) return false;
+    adopt(std::move(std::get<ClosedLoop>(outcome)), sight, result);
+    return true;
+  }
+
   // Sections 4.2 and 4.4 to 4.7, and what the watch has noticed.
   void updateMap(Sight* sight, FrameResult* result) {
     bool changed = watch_.refuseDoubled(&map_, &counters_);
-    changed = watch_.quarantineMoved(&map_, &counters_) || changed;
+    if (watch_.suspectsMoved(map_) && !closeLoopToMisfits(sight, result)) {
+      changed = watch_.quarantineMoved(&map_, &counters_) || changed;
+    }
     if (changed) {
       std::erase_if(sight->fitting, [&](const MarkerDetection& d) {
         const MapMarker* marker = map_.find(d.id);

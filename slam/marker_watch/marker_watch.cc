@@ -76,13 +76,22 @@ void MarkerWatch::record(int marker_id, bool fits, std::int64_t time_ns) {
   disagreement.until_ns = time_ns;
 }
 
+bool MarkerWatch::hasMoved(int marker_id, const Disagreement& disagreement, const Map& map) const {
+  return disagreement.frames >= options_.moved_frames &&
+         disagreement.until_ns - disagreement.since_ns >= options_.moved_ns &&
+         map.findPosed(marker_id) != nullptr;
+}
+
+bool MarkerWatch::suspectsMoved(const Map& map) const {
+  return std::any_of(disagreements_.begin(), disagreements_.end(),
+                     [&](const auto& entry) { return hasMoved(entry.first, entry.second, map); });
+}
+
 bool MarkerWatch::quarantineMoved(Map* map, Counters* counters) {
   bool changed = false;
   for (auto it = disagreements_.begin(); it != disagreements_.end();) {
     const auto& [id, disagreement] = *it;
-    const bool long_enough = disagreement.frames >= options_.moved_frames &&
-                             disagreement.until_ns - disagreement.since_ns >= options_.moved_ns;
-    if (!long_enough || map->findPosed(id) == nullptr) {
+    if (!hasMoved(id, disagreement, *map)) {
       ++it;
       continue;
     }

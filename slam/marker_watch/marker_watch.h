@@ -46,6 +46,10 @@ class MarkerWatch {
 
   // Whether a mapped marker fitted the pose that the others gave.
   void record(int marker_id, bool fits, std::int64_t time_ns);
+  // Whether a marker of the map has disagreed for long enough to be quarantined.
+  [[nodiscard]] bool suspectsMoved(const Map& map) const;
+  // The map was corrected: whoever disagreed with it may agree now.
+  void forget() { disagreements_.clear(); }
   // Quarantines in the map what has disagreed for long enough: its pose goes, and its views, and it
   // is estimated anew. True when the map changed.
   bool quarantineMoved(Map* map, Counters* counters);
@@ -58,6 +62,9 @@ class MarkerWatch {
     std::int64_t since_ns = 0;
     std::int64_t until_ns = 0;
   };
+
+  [[nodiscard]] bool hasMoved(int marker_id, const Disagreement& disagreement,
+                              const Map& map) const;
 
   MarkerOptions markers_;
   MarkerWatchOptions options_;

@@ -142,6 +142,17 @@ TEST_F(MarkerWatchTest, ABriefDisagreementIsForgiven) {
   EXPECT_EQ(counters_.quarantined_markers, 0U);
 }
 
+TEST_F(MarkerWatchTest, ACorrectedMapStartsOver) {
+  mapMarker(1, at(0.0));
+  EXPECT_FALSE(watch_.suspectsMoved(map_));
+  disagree(1);
+  EXPECT_TRUE(watch_.suspectsMoved(map_));
+  watch_.forget();
+  EXPECT_FALSE(watch_.suspectsMoved(map_));
+  EXPECT_FALSE(watch_.quarantineMoved(&map_, &counters_));
+  EXPECT_NE(map_.findPosed(1), nullptr);
+}
+
 TEST_F(MarkerWatchTest, AMoveToANewPlaceIsNoReasonToRefuse) {
   mapMarker(1, at(0.0));
   moveTo(1, at(0.3));
