@@ -61,6 +61,10 @@ void RunRecord::undistortAgain(const slam::CameraModel& camera) {
   }
 }
 
+std::optional<slam::PoseEstimate> RunRecord::firstPose() const {
+  return initialized_at_ ? frames_[*initialized_at_].pose : std::nullopt;
+}
+
 double RunRecord::localizedPercent() const {
   if (frames_.empty()) return 0.0;
   return 100.0 * static_cast<double>(localized_) / static_cast<double>(frames_.size());
@@ -110,19 +114,17 @@ std::vector<io::RecordedFrame> RunRecord::recordedFrames() const {
 
 std::vector<slam::PastFrame> RunRecord::spreadFrames(std::size_t count) const {
   std::vector<slam::PastFrame> spread;
-  const std::size_t wanted = std::min(count, localized_);
-  std::size_t seen = 0;
-  for (std::size_t i = 0; i < frames_.size(); ++i) {
+  const std::size_t wanted = std::min(count, frames_.size());
+  std::optional<slam::PoseEstimate> near = firstPose();
+  for (std::size_t i = 0; i < frames_.size() && near; ++i) {
     const FrameRecord& frame = frames_[i];
-    if (!frame.pose) continue;
-    // The k-th is taken when k * localized / wanted frames with a pose have been seen.
-    if (spread.size() * localized_ <= seen * wanted && spread.size() < wanted) {
-      spread.push_back({{.sequence = i, .monotonic_ns = frame.time_ns},
-                        frame.detections,
-                        frame.pose->T_w_c,
-                        frame.pose->twist});
-    }
-    ++seen;
+    if (frame.pose) near = frame.pose;
+    // The k-th is taken when k * frames / wanted frames have passed.
+    if (spread.size() * frames_.size() > i * wanted) continue;
+    spread.push_back({{.sequence = i, .monotonic_ns = frame.time_ns},
+                      frame.detections,
+                      near->T_w_c,
+                      frame.pose ? frame.pose->twist : slam::Vector6d::Zero()});
   }
   return spread;
 }

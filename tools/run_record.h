@@ -35,8 +35,9 @@ class RunRecord {
   [[nodiscard]] io::Trajectory liveTrajectory() const;
   // Every frame's pose against the map as it is now.
   [[nodiscard]] io::Trajectory finalTrajectory(const slam::Slam& slam) const;
-  // At most `count` frames that had a pose, evenly spread, for the optimisation at the end. They
-  // point into this record.
+  // At most `count` frames, evenly spread, for the optimisation at the end; one that had no pose
+  // live comes with the pose of the last one before it that had (or, in front of the first, of
+  // that). They point into this record. Empty when no frame had a pose.
   [[nodiscard]] std::vector<slam::PastFrame> spreadFrames(std::size_t count) const;
   // Every frame's detections, for replaying them.
   [[nodiscard]] std::vector<io::RecordedFrame> recordedFrames() const;
@@ -45,6 +46,8 @@ class RunRecord {
                                        std::uint64_t dropped_late) const;
 
  private:
+  [[nodiscard]] std::optional<slam::PoseEstimate> firstPose() const;
+
   std::vector<FrameRecord> frames_;
   std::size_t localized_ = 0;
   std::optional<std::size_t> initialized_at_;  // index of the first frame with a pose
