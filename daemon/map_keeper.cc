@@ -49,7 +49,7 @@ Result<StartMap> readStartMap(const io::SlamSettings& settings, const slam::Cali
     return Error{map.in.string() +
                  ": markers: none has a pose, so there is nothing to localise in"};
   }
-  io::adoptReadout(*old, &start.options);
+  io::agreeOnReadout(&*old, &start.options);
   start.notes = std::move(old->warnings);
   start.notes.push_back(map.in.string() + ": going on with " + contents(old->file.map));
   start.map = std::move(old->file.map);

@@ -158,7 +158,8 @@ slam::Calibration readCamera(const JsonNode& node) {
 double readReadout(const JsonNode& camera) {
   if (!camera.has("readout_s")) return 0.0;
   const double readout_s = camera.at("readout_s").number();
-  if (readout_s < 0.0) camera.at("readout_s").fail("must not be negative");
+  // Negative for a camera that hangs upside down and whose images are turned.
+  if (std::abs(readout_s) > 1.0) camera.at("readout_s").fail("must be -1 to 1");
   return readout_s;
 }
 
@@ -225,7 +226,7 @@ class MapReader {
       if (!root_.good()) return file;
     }
     // The corners of a rolling shutter follow from the poses, too.
-    if (file.readout_s > 0.0) file.map.undistortAgain(camera, file.readout_s);
+    if (file.readout_s != 0.0) file.map.undistortAgain(camera, file.readout_s);
     return file;
   }
 

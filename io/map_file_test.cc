@@ -233,7 +233,7 @@ TEST(MapFile, FaultsNameFilePlaceAndReason) {
       {[](auto& j) { j["camera"]["fx"] = -1.0; }, "m.json: camera: focal lengths must be pos"},
       {[](auto& j) { j["camera"] = nullptr; }, "m.json: camera: must be there: keyframes are"},
       {[](auto& j) { j["camera"]["distortion_model"] = "odd"; }, "camera.distortion_model: must"},
-      {[](auto& j) { j["camera"]["readout_s"] = -1; }, "camera.readout_s: must not be negative"},
+      {[](auto& j) { j["camera"]["readout_s"] = -2; }, "camera.readout_s: must be -1 to 1"},
       {[](auto& j) { j["keyframes"][0]["twist"].erase(0); }, "keyframes[0].twist: must be a list"},
       {[](auto& j) { j["camera"]["distortion"].erase(7); }, "camera.distortion: must be a list"},
       {[](auto& j) { j.erase("markers"); }, "m.json: markers: is missing"},

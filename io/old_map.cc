@@ -36,8 +36,14 @@ bool sameCamera(const slam::Calibration& a, const slam::Calibration& b) {
 
 }  // namespace
 
-void adoptReadout(const OldMap& map, slam::Options* options) {
-  if (!options->shutter.readout_s) options->shutter.readout_s = map.readout_s;
+void agreeOnReadout(OldMap* old, slam::Options* options) {
+  slam::RollingShutterOptions& shutter = options->shutter;
+  if (!shutter.readout_s) {
+    shutter.learned_s = old->readout_s.value_or(0.0);
+  } else if (options->mapping && old->file.readout_s != *shutter.readout_s) {
+    old->file.readout_s = *shutter.readout_s;
+    old->file.map.undistortAgain(slam::CameraModel(*old->file.camera), *shutter.readout_s);
+  }
 }
 
 std::optional<double> largestLensDifference_px(const slam::Calibration& a,
@@ -87,7 +93,7 @@ Result<OldMap> readOldMap(const std::filesystem::path& path, const OldMapUse& us
   if (const Status fits = checkMarkers(old.file.map, use); !fits) {
     return Error{name + fits.error().message};
   }
-  if (old.file.readout_s > 0.0 && sameCamera(*old.file.camera, use.camera)) {
+  if (old.file.readout_s != 0.0 && sameCamera(*old.file.camera, use.camera)) {
     old.readout_s = old.file.readout_s;
   }
   if (use.localise_only) return old;

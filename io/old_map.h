@@ -35,8 +35,9 @@ struct OldMap {
 // of the image's width apart) is a warning: the map's corners are then undistorted anew.
 [[nodiscard]] Result<OldMap> readOldMap(const std::filesystem::path& path, const OldMapUse& use);
 
-// The readout time that the map has learned, unless the options give one.
-void adoptReadout(const OldMap& map, slam::Options* options);
+// Learning goes on from the readout time that the map has learned. One that the options give holds
+// for the map's keyframes, too, unless the map is only localised in.
+void agreeOnReadout(OldMap* old, slam::Options* options);
 
 // The farthest that two calibrations put one ray apart anywhere in the image, pixels. Empty for
 // cameras that cannot be one: other image sizes or lens models.

@@ -93,6 +93,29 @@ TEST_F(OldMapFile, OfAnotherCamera) {
   expectError(read(), "camera: has another image size or lens model");
 }
 
+TEST_F(OldMapFile, TakenWithARollingShutter) {
+  for (const double readout_s : {0.02, -0.015}) {  // the second one turned upside down
+    ASSERT_TRUE(writeTextFile(directory_ / "map.json", formatMap(map_, kCamera, readout_s)));
+    Result<OldMap> old = readOldMap(directory_ / "map.json", use_);
+    ASSERT_TRUE(old) << old.error().message;
+    EXPECT_EQ(old->readout_s, readout_s);
+    slam::Options options;
+    agreeOnReadout(&*old, &options);
+    EXPECT_FALSE(options.shutter.readout_s) << "it is still to be learned";
+    EXPECT_EQ(options.shutter.learned_s, readout_s);
+
+    options = {};
+    options.shutter.readout_s = 0.0;
+    options.mapping = false;
+    agreeOnReadout(&*old, &options);
+    EXPECT_EQ(old->file.readout_s, readout_s) << "a map to localise in stays as it is";
+    options.mapping = true;
+    agreeOnReadout(&*old, &options);
+    EXPECT_EQ(old->file.readout_s, 0.0);
+    EXPECT_EQ(options.shutter.readout_s, 0.0);
+  }
+}
+
 TEST_F(OldMapFile, OfMarkersOnly) {
   map_.removeKeyframe(0);
   const Result<OldMap> old = read(std::nullopt);

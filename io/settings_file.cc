@@ -40,6 +40,22 @@ Setting wholeNumber(std::string key, std::int64_t least, std::int64_t most,
           }};
 }
 
+Setting number(std::string key, double least, double most, std::string_view unit,
+               std::function<void(double)> take) {
+  return {std::move(key),
+          [take = std::move(take), least, most,
+           unit = std::string(unit)](const SettingValue& v) -> Objection {
+            if (!v.node.is_number()) return "must be a number";
+            const double value = v.node.value<double>().value_or(std::nan(""));
+            if (!(value >= least && value <= most)) {
+              return "must be from " + inWords(least) + " to " + inWords(most) +
+                     (unit.empty() ? "" : " " + unit) + ", not " + inWords(value);
+            }
+            take(value);
+            return {};
+          }};
+}
+
 Error at(const fs::path& file, const toml::source_position& place, const std::string& what) {
   return {file.string() + ":" + std::to_string(place.line) + ":" + std::to_string(place.column) +
           ": " + what};
@@ -190,17 +206,12 @@ Setting numbersSetting(std::string key, std::size_t count, NumbersTaker take) {
 
 Setting numberSetting(std::string key, double& target, double least, double most,
                       std::string_view unit) {
-  return {std::move(key),
-          [&target, least, most, unit = std::string(unit)](const SettingValue& v) -> Objection {
-            if (!v.node.is_number()) return "must be a number";
-            const double value = v.node.value<double>().value_or(std::nan(""));
-            if (!(value >= least && value <= most)) {
-              return "must be from " + inWords(least) + " to " + inWords(most) +
-                     (unit.empty() ? "" : " " + unit) + ", not " + inWords(value);
-            }
-            target = value;
-            return {};
-          }};
+  return number(std::move(key), least, most, unit, [&target](double value) { target = value; });
+}
+
+Setting numberSetting(std::string key, std::optional<double>& target, double least, double most,
+                      std::string_view unit) {
+  return number(std::move(key), least, most, unit, [&target](double value) { target = value; });
 }
 
 Setting wordSetting(std::string key, std::vector<std::string> words,

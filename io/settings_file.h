@@ -52,6 +52,8 @@ using TextCheck = std::function<Objection(const std::string&)>;
 // Any number from `least` to `most`; `unit` is for the message.
 [[nodiscard]] Setting numberSetting(std::string key, double& target, double least, double most,
                                     std::string_view unit);
+[[nodiscard]] Setting numberSetting(std::string key, std::optional<double>& target, double least,
+                                    double most, std::string_view unit);
 
 // As many finite numbers as `count`, [1.0, 2.0]; `take` may object to them.
 using NumbersTaker = std::function<Objection(std::span<const double>)>;

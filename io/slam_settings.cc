@@ -106,6 +106,7 @@ std::vector<Setting> slamSettingKeys(SlamSettings& target) {
                     1000.0, ""),
       numberSetting("slam.tracking.marker_chi2", o.tracking.pose.marker_chi2, 1.0, 1e6, ""),
       numberSetting("slam.tracking.worst_rms_px", o.tracking.pose.worst_rms_px, 0.1, 100.0, "px"),
+      numberSetting("slam.shutter.readout_s", o.shutter.readout_s, -0.2, 0.2, "s"),
       numberSetting("slam.motion.max_extrapolation_s", o.tracking.motion.max_extrapolation_s, 0.0,
                     10.0, "s"),
       numberSetting("slam.keyframes.min_baseline_m", o.mapper.keyframes.min_baseline_m, 1e-4, 100.0,

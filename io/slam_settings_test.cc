@@ -69,6 +69,16 @@ TEST(SlamSettings, Markers) {
   EXPECT_EQ(origin->options.markers.origin_marker, 5);
 }
 
+TEST(SlamSettings, AKnownShutterIsNotLearned) {
+  const Result<SlamSettings> unknown = read("[slam]\n");
+  ASSERT_TRUE(unknown) << unknown.error().message;
+  EXPECT_FALSE(unknown->options.shutter.readout_s);
+  const Result<SlamSettings> known = read("[slam]\nshutter.readout_s = -0.02\n");
+  ASSERT_TRUE(known) << known.error().message;
+  EXPECT_EQ(known->options.shutter.readout_s, -0.02);
+  EXPECT_FALSE(read("[slam]\nshutter.readout_s = 20\n")) << "milliseconds";
+}
+
 TEST(SlamSettings, ErrorsNameThePlace) {
   const auto ends = [](const std::string& text, const std::string& end) {
     const Result<SlamSettings> s = read(text);

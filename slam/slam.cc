@@ -46,7 +46,7 @@ class Slam::Impl {
         tracker_(camera_.focalLength(), options.tracking),
         mapper_(options.markers, camera_.focalLength(), options.mapper),
         watch_(options.markers, options.watch),
-        readout_s_(options.shutter.readout_s.value_or(0.0)),
+        readout_s_(options.shutter.readout_s.value_or(options.shutter.learned_s)),
         next_readout_keyframes_(options.shutter.first_keyframes),
         map_(std::move(map)) {
     map_.dictionary = detector_.dictionary().name();

@@ -172,7 +172,7 @@ Result<MergeReport> mergeMaps(io::MapFile* a, const io::MapFile& b, const MergeO
   }
   if (!a->camera) a->camera = moved.camera;
   if (a->readout_s == 0.0) a->readout_s = moved.readout_s;  // one camera, one shutter
-  if (a->camera && a->readout_s > 0.0) {
+  if (a->camera && a->readout_s != 0.0) {
     a->map.undistortAgain(slam::CameraModel(*a->camera), a->readout_s);
   }
   a->has_checksum = a->has_checksum && b.has_checksum;

@@ -126,7 +126,7 @@ Result<RunSetup> prepare(const RunArguments& arguments) {
                  std::move(detections).value(),
                  std::move(old_map).value()};
   setup.options.mapping = !arguments.localize_only;
-  if (setup.old_map) io::adoptReadout(*setup.old_map, &setup.options);
+  if (setup.old_map) io::agreeOnReadout(&*setup.old_map, &setup.options);
   return setup;
 }
 

@@ -39,8 +39,11 @@ using Twist = Vector6d;
                                                                  double size_m);
 
 struct RollingShutterOptions {
-  // First to last row, seconds: 0 for a global shutter. Empty: learned.
+  // First to last row, seconds: 0 for a global shutter, negative where images are turned upside
+  // down. Empty: learned ...
   std::optional<double> readout_s;
+  // ... from this on, which an earlier run has learned.
+  double learned_s = 0.0;
   // A learned readout is believed from this length on, seconds, and only if it is this many of its
   // standard deviations long: lens and map errors look like a little of it.
   double least_s = 0.003;
