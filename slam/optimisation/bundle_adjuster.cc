@@ -51,6 +51,10 @@ BundleAdjuster::BundleAdjuster(BundleProblem problem, const BundleOptions& optio
 
 bool BundleAdjuster::step() {
   if (done_ || summary_.iterations >= options_.max_iterations || lambda_ >= kHopeless) return false;
+  if (!gate_passed_ && 2 * summary_.iterations >= options_.max_iterations && !gateViews()) {
+    summary_.failed = done_ = true;
+    return false;
+  }
   ++summary_.iterations;
   BundleStep step;
   if (!solveStep(problem_, equations_, lambda_, &step)) {
@@ -78,11 +82,54 @@ bool BundleAdjuster::step() {
   if (problem_.shutter) problem_.shutter->readout_s = trial_.shutter->readout_s;
   summary_.final_cost = cost;
   lambda_ = std::max(0.1 * lambda_, 1e-12);
-  done_ = decrease <= options_.min_relative_decrease * cost;
   if (!linearise(problem_, whitened_, options_.huber, &equations_)) {
     summary_.failed = done_ = true;
+    return true;
   }
+  if (decrease > options_.min_relative_decrease * cost) return true;
+  // Converged, and done unless the gate has something to say.
+  const int gated_before = summary_.gated_views;
+  if (!gate_passed_ && !gateViews()) summary_.failed = true;
+  done_ = summary_.failed || summary_.gated_views == gated_before;
   return true;
+}
+
+bool BundleAdjuster::gateViews() {
+  gate_passed_ = true;
+  const std::vector<std::size_t> gross = grossViews();
+  if (gross.empty()) return true;
+  summary_.gated_views = static_cast<int>(gross.size());
+  for (const std::size_t view : gross) whitened_[view].fill(Eigen::Matrix2d::Zero());  // no weight
+  if (!linearise(problem_, whitened_, options_.huber, &equations_)) return false;
+  summary_.final_cost = equations_.cost;
+  return true;
+}
+
+std::vector<std::size_t> BundleAdjuster::grossViews() const {
+  std::vector<std::size_t> gross;
+  std::vector<double> squared;
+  if (options_.view_chi2 <= 0.0 || !cornerErrors(problem_, whitened_, &squared)) return gross;
+  std::vector<int> views_of_camera(problem_.cameras.size(), 0);
+  std::vector<int> views_of_marker(problem_.markers.size(), 0);
+  for (const BundleProblem::Observation& view : problem_.observations) {
+    ++views_of_camera[static_cast<std::size_t>(view.camera)];
+    ++views_of_marker[static_cast<std::size_t>(view.marker)];
+  }
+  constexpr int kKept = 2;
+  const double worst = options_.view_chi2 * summary_.noise * summary_.noise;
+  for (std::size_t i = 0; i < problem_.observations.size(); ++i) {
+    const double* corners = squared.data() + 4 * i;
+    if (corners[0] + corners[1] + corners[2] + corners[3] <= worst) continue;
+    int& of_camera = views_of_camera[static_cast<std::size_t>(problem_.observations[i].camera)];
+    int& of_marker = views_of_marker[static_cast<std::size_t>(problem_.observations[i].marker)];
+    if (of_camera <= kKept || of_marker <= kKept) continue;
+    --of_camera;
+    --of_marker;
+    gross.push_back(i);
+  }
+  // So many are no outliers: the model is wrong, or far from converged.
+  if (4 * gross.size() > problem_.observations.size()) gross.clear();
+  return gross;
 }
 
 Matrix6d BundleAdjuster::markerCovariance(int marker) const {

@@ -23,6 +23,11 @@ struct BundleOptions {
   // Take the noise from the residuals at the start (their median), where it exceeds what the
   // corners' covariances say; else from the covariances alone.
   bool estimate_noise = true;
+  // Views of a marker that fit worse than this in the middle of the adjustment take no part in the
+  // rest of it: chi-square of 8 residuals, in units of the noise; 26.1 is the 99.9 % quantile, but
+  // lenses and bent paper have wider tails. Every pose keeps two views, and when more than
+  // a quarter would go, none does. 0 for no gate.
+  double view_chi2 = 60.0;
 };
 
 struct BundleSummary {
@@ -31,6 +36,7 @@ struct BundleSummary {
   int iterations = 0;
   // Standard deviation of the whitened residuals at the start; 1 when it was not estimated.
   double noise = 1.0;
+  int gated_views = 0;  // left out in the second half
   // A step could not be computed (singular problem): the poses are the best found so far.
   bool failed = false;
 };
@@ -56,6 +62,10 @@ class BundleAdjuster {
   [[nodiscard]] std::optional<double> readoutSigma_s() const;
 
  private:
+  // Leaves gross views out from here on. False when the rest has no cost.
+  bool gateViews();
+  [[nodiscard]] std::vector<std::size_t> grossViews() const;
+
   BundleProblem problem_;
   BundleProblem trial_;
   std::vector<WhitenedCorners> whitened_;  // by observation
@@ -63,6 +73,7 @@ class BundleAdjuster {
   BundleOptions options_;
   BundleSummary summary_;
   double lambda_ = 1e-5;
+  bool gate_passed_ = false;
   bool done_ = false;
 };
 

@@ -157,7 +157,10 @@ std::optional<ReadoutEstimate> optimiseWithReadout(Map* map, const MarkerOptions
                                                    const BundleOptions& options) {
   MapProblem whole = wholeMap(*map, markers);
   whole.freeReadout(*map, readout_s, camera);
-  const BundleSummary summary = whole.optimise(map, options);
+  // No gate: while the shutter is unknown, the views that speak loudest of it fit worst.
+  BundleOptions ungated = options;
+  ungated.view_chi2 = 0.0;
+  const BundleSummary summary = whole.optimise(map, ungated);
   if (summary.failed || !whole.readoutSigma_s) return std::nullopt;
   return ReadoutEstimate{whole.problem.shutter->readout_s, *whole.readoutSigma_s};
 }
