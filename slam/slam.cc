@@ -7,6 +7,7 @@
 #include "slam/geometry/robust.h"
 #include "slam/loop_closure/loop_closer.h"
 #include "slam/loop_closure/loop_detector.h"
+#include "slam/loop_closure/loop_evidence.h"
 
 namespace waymark::slam {
 namespace {
@@ -67,13 +68,12 @@ class Slam::Impl {
     ++counters_.frames;
     FrameResult result;
     result.detections = detections;
-    const std::vector<MarkerDetection> usable =
-        watch_.screen(detections, camera_, map_, &counters_);
+    std::vector<MarkerDetection> usable = watch_.screen(detections, camera_, map_, &counters_);
     if (map_.empty()) {
       const StageScope scope(observer, Stage::kMap);
       initialise(usable, time, &result);
     } else {
-      Sight sight = look(usable, time);
+      Sight sight = look(std::move(usable), time);
       {
         const StageScope scope(observer, Stage::kTrack);
         track(&sight, &result);
@@ -305,7 +305,8 @@ class Slam::Impl {
     sortById(&sight->fitting);
   }
 
-  // A better readout time moves the corners of every keyframe, and so the map.
+  // A better readout time moves the corners of every keyframe, and so the map. The frame is its
+  // newest keyframe.
   void learnReadout(FrameResult* result) {
     const RollingShutterOptions& shutter = options_.shutter;
     const int keyframes = static_cast<int>(map_.keyframes().size());
@@ -318,8 +319,7 @@ class Slam::Impl {
     readout_s_ = found->readout_s;
     map_ = std::move(optimised);
     map_.undistortAgain(camera_, readout_s_);
-    const auto newest = map_.keyframes().rbegin();
-    if (result->keyframe_added) moveTo(newest->second.T_w_c, result);
+    moveTo(map_.keyframes().rbegin()->second.T_w_c, result);
     result->map_changed = true;
   }
 
@@ -339,7 +339,7 @@ class Slam::Impl {
       recordContradiction(*sight);
       return;
     }
-    const LoopFrame candidate = loopFrame(*sight, loop);
+    const LoopFrame candidate = evidence(*sight, loop);
     if (candidate.expected.empty()) return;
     auto outcome = slam::closeLoop(map_, candidate, options_.markers, options_.loops);
     if (std::holds_alternative<LoopRefusal>(outcome)) {
@@ -395,33 +395,10 @@ class Slam::Impl {
     sight->closes_loop = true;
   }
 
-  // The frame with the markers of L(t), given as `loop`, that agree with each other, and where they
-  // say it is.
-  [[nodiscard]] LoopFrame loopFrame(const Sight& sight, std::span<const KnownMarker> loop) const {
-    LoopFrame frame{frameOf(sight, sight.solution.T_w_c), {}, {}, *loop_detector_.reference()};
-    const auto add = [&](const KnownMarker& marker) {
-      frame.loop_markers.push_back(marker.detection->id);
-      frame.frame.detections.push_back(*marker.detection);
-    };
-    const auto expected = relocalise(loop, tracker_.optimiser(), camera_.focalLength(),
-                                     options_.tracking.relocalisation);
-    if (expected && tracker_.optimiser().acceptable(*expected)) {
-      for (std::size_t i = 0; i < loop.size(); ++i) {
-        if (expected->inlier[i]) add(loop[i]);
-      }
-      frame.expected = {expected->T_w_c};
-    } else if (loop.size() == 1) {
-      const auto square =
-          estimateSquarePose(*loop[0].detection, loop[0].size_m, camera_.focalLength(),
-                             options_.tracking.relocalisation.square);
-      if (!square) return frame;
-      add(loop[0]);
-      for (const Transform& T_c_m : square->T_c_m) {
-        frame.expected.push_back(loop[0].T_w_m * T_c_m.inverse());
-      }
-    }
-    sortById(&frame.frame.detections);
-    return frame;
+  [[nodiscard]] LoopFrame evidence(const Sight& sight, std::span<const KnownMarker> loop) const {
+    return loopEvidence(frameOf(sight, sight.solution.T_w_c), *loop_detector_.reference(), loop,
+                        tracker_.optimiser(), camera_.focalLength(),
+                        options_.tracking.relocalisation);
   }
 
   // One marker that contradicts all others, whose loop was refused for that: it moved, or hangs
@@ -442,7 +419,7 @@ class Slam::Impl {
       if (!sight->solution.inlier[i]) misfits.push_back(sight->known.eligible[i]);
     }
     if (misfits.empty()) return false;
-    const LoopFrame candidate = loopFrame(*sight, misfits);
+    const LoopFrame candidate = evidence(*sight, misfits);
     if (candidate.expected.empty()) return false;
     auto outcome = slam::closeLoop(map_, candidate, options_.markers, options_.loops);
     if (!std::holds_alternative<ClosedLoop>(outcome)) return false;

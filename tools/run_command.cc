@@ -147,15 +147,14 @@ Status processAll(RunInput& input, slam::Slam& slam, StageTimer& timer, bool sho
 
 // Section 4.10, as far as wanted.
 void optimiseGlobally(const RunArguments& arguments, slam::Slam* slam, RunRecord* record) {
+  if (arguments.no_global) return;
   // More are hardly better: neighbouring frames see the same.
   constexpr std::size_t kViews = 240;
-  if (arguments.refine_intrinsics || !arguments.no_global) {
-    slam->addViews(record->spreadFrames(kViews));
-  }
+  slam->addViews(record->spreadFrames(kViews));
   if (arguments.refine_intrinsics) {
     slam->optimiseGloballyWithIntrinsics();
     record->undistortAgain(slam->camera());
-  } else if (!arguments.no_global) {
+  } else {
     slam->optimiseGlobally();
   }
 }

@@ -7,8 +7,6 @@
 
 #include <Eigen/Eigenvalues>
 
-#include "slam/geometry/reprojection.h"
-#include "slam/geometry/robust.h"
 #include "slam/optimisation/map_optimiser.h"
 
 namespace waymark::slam {
@@ -131,25 +129,22 @@ Map correctedMap(const Map& map, const LoopFrame& loop, const Transform& expecte
   return corrected;
 }
 
-// Mean squared whitened error of a keyframe's corners, cut off by Huber's kernel.
-double meanError(const Map& map, KeyframeId keyframe, double huber) {
+// The map before its correction, as the corrected ones are compared with it.
+struct Reference {
+  std::vector<KeyframeId> keyframes;
+  double noise = 1.0;
+  double huber = 0.0;  // in units of the corners' covariances
   double cost = 0.0;
-  int corners = 0;
-  const Keyframe& frame = map.keyframes().at(keyframe);
-  for (const MarkerDetection& detection : frame.detections) {
-    const MapMarker* marker = map.findPosed(detection.id);
-    if (marker == nullptr) continue;
-    const auto corners_w = marker->cornersInWorld();
-    for (std::size_t k = 0; k < 4; ++k) {
-      Projection projection;
-      ++corners;
-      if (!projectPoint(frame.T_w_c, corners_w[k], &projection)) return 1e9;
-      const Eigen::Matrix2d W = whitening(detection.covariance[k]);
-      const Eigen::Vector2d r = W * (projection.normalised - detection.normalised[k]);
-      cost += huberCost(r.squaredNorm(), huber);
-    }
-  }
-  return corners == 0 ? 0.0 : cost / corners;
+};
+
+Reference referenceOf(const Map& map, const BundleOptions& options) {
+  Reference reference;
+  for (const auto& [id, keyframe] : map.keyframes()) reference.keyframes.push_back(id);
+  const MapFit fit = fitOf(map);
+  reference.noise = fit.noise;
+  reference.huber = fit.noise * options.huber;
+  reference.cost = fit.cost(reference.huber);
+  return reference;
 }
 
 struct Candidate {
@@ -159,7 +154,7 @@ struct Candidate {
 };
 
 Candidate tryCandidate(const Map& map, const LoopFrame& loop, const Transform& expected,
-                       const MapFit& before, double huber, const MarkerOptions& markers,
+                       const Reference& before, const MarkerOptions& markers,
                        const LoopOptions& options) {
   Candidate candidate{{correctedMap(map, loop, expected, options), -1}, 0.0, 0.0};
   Map& corrected = candidate.closed.map;
@@ -167,16 +162,16 @@ Candidate tryCandidate(const Map& map, const LoopFrame& loop, const Transform& e
   (void)optimiseGlobally(&corrected, markers, options.optimisation);
 
   const double unit = before.noise * before.noise;
-  const double of_closing = meanError(corrected, candidate.closed.keyframe, huber);
-  const MapFit after = fitOf(corrected, huber);
-  const int closing_corners = after.corners - before.corners;
-  candidate.closing_error = of_closing / unit;
-  candidate.growth = (after.cost - of_closing * closing_corners - before.cost) / unit;
+  const KeyframeId closing[] = {candidate.closed.keyframe};
+  candidate.closing_error = fitOf(corrected, closing).meanCost(before.huber) / unit;
+  const double cost = fitOf(corrected, before.keyframes).cost(before.huber);
+  candidate.growth = (cost - before.cost) / unit;
   return candidate;
 }
 
 // Of the old views' cost, in units of the noise squared.
-double allowedGrowth(const MapFit& before, std::size_t loop_markers, const LoopOptions& options) {
+double allowedGrowth(const Reference& before, std::size_t loop_markers,
+                     const LoopOptions& options) {
   const double variance = before.noise * before.noise;
   const double cost = before.cost / variance;
   const double of_model_errors = cost * (1.0 - 1.0 / variance);
@@ -197,14 +192,12 @@ bool isAnother(const ClosedLoop& a, const ClosedLoop& b) {
 std::variant<ClosedLoop, LoopRefusal> closeLoop(const Map& map, const LoopFrame& loop,
                                                 const MarkerOptions& markers,
                                                 const LoopOptions& options) {
-  MapFit before = fitOf(map, options.optimisation.huber);
-  const double huber = before.noise * options.optimisation.huber;
-  before.cost = fitOf(map, huber).cost;
+  const Reference before = referenceOf(map, options.optimisation);
   const double allowed = allowedGrowth(before, loop.loop_markers.size(), options);
   std::optional<Candidate> best;
   std::optional<Candidate> other;
   for (const Transform& expected : loop.expected) {
-    Candidate candidate = tryCandidate(map, loop, expected, before, huber, markers, options);
+    Candidate candidate = tryCandidate(map, loop, expected, before, markers, options);
     if (best && candidate.growth >= best->growth) {
       other = std::move(candidate);
     } else {

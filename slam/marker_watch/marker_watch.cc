@@ -6,21 +6,16 @@
 namespace waymark::slam {
 namespace {
 
-void refuse(MapMarker* marker, Map* map, Counters* counters) {
-  marker->state = MarkerState::kRefused;
+// Refuses or quarantines the marker: its pose goes, and its views.
+void dismiss(MapMarker* marker, MarkerState to, Map* map, Counters* counters) {
+  const bool refused = to == MarkerState::kRefused;
+  // One that is estimated anew may turn out to be back where it was.
+  if (!refused) marker->former_poses.push_back(*marker->T_w_m);
+  marker->state = to;
   marker->T_w_m.reset();
   marker->other_T_w_m.reset();
   map->removeViews(marker->id, map->viewsOf(marker->id));
-  ++counters->refused_markers;
-}
-
-void quarantine(MapMarker* marker, Map* map, Counters* counters) {
-  marker->state = MarkerState::kQuarantined;
-  marker->former_poses.push_back(*marker->T_w_m);
-  marker->T_w_m.reset();
-  marker->other_T_w_m.reset();
-  map->removeViews(marker->id, map->viewsOf(marker->id));
-  ++counters->quarantined_markers;
+  ++(refused ? counters->refused_markers : counters->quarantined_markers);
 }
 
 }  // namespace
@@ -59,7 +54,7 @@ bool MarkerWatch::refuseDoubled(Map* map, Counters* counters) {
     if (frames != options_.doubled_frames) continue;
     MapMarker& marker = map->addMarker(id, markers_.sizeOf(id));
     if (marker.state == MarkerState::kRefused) continue;
-    refuse(&marker, map, counters);
+    dismiss(&marker, MarkerState::kRefused, map, counters);
     changed = true;
   }
   return changed;
@@ -96,11 +91,8 @@ bool MarkerWatch::quarantineMoved(Map* map, Counters* counters) {
       continue;
     }
     MapMarker& marker = map->marker(id);
-    if (static_cast<int>(marker.former_poses.size()) >= options_.max_moves) {
-      refuse(&marker, map, counters);
-    } else {
-      quarantine(&marker, map, counters);
-    }
+    const bool too_often = static_cast<int>(marker.former_poses.size()) >= options_.max_moves;
+    dismiss(&marker, too_often ? MarkerState::kRefused : MarkerState::kQuarantined, map, counters);
     changed = true;
     it = disagreements_.erase(it);
   }
@@ -118,7 +110,7 @@ void MarkerWatch::checkReturned(int marker_id, Map* map, Counters* counters) con
         return (former.p - marker.T_w_m->p).norm() < options_.same_place_m &&
                rotationDistance(former.R, marker.T_w_m->R) < options_.same_place_rad;
       });
-  if (returned) refuse(&marker, map, counters);
+  if (returned) dismiss(&marker, MarkerState::kRefused, map, counters);
 }
 
 }  // namespace waymark::slam

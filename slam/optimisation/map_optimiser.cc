@@ -64,6 +64,17 @@ class MapProblem {
     return adjuster.summary();
   }
 
+  // As it is, without optimising anything.
+  [[nodiscard]] MapFit fit() const {
+    MapFit fit;
+    if (cornerErrors(problem, whitenCorners(problem), &fit.squared)) {
+      fit.noise = noiseScale(fit.squared);
+    } else {
+      fit.squared.assign(4 * problem.observations.size(), std::numeric_limits<double>::infinity());
+    }
+    return fit;
+  }
+
  private:
   void addMarkers(const Map& map, std::span<const int> marker_ids, const MarkerOptions& markers) {
     for (const int id : marker_ids) {
@@ -165,19 +176,22 @@ std::optional<ReadoutEstimate> optimiseWithReadout(Map* map, const MarkerOptions
   return ReadoutEstimate{whole.problem.shutter->readout_s, *whole.readoutSigma_s};
 }
 
-MapFit fitOf(const Map& map, double huber) {
-  const BundleProblem problem = wholeMap(map, {}).problem;
-  const std::vector<WhitenedCorners> whitened = whitenCorners(problem);
-  MapFit fit;
-  fit.corners = 4 * static_cast<int>(problem.observations.size());
-  std::vector<double> squared;
-  if (!cornerErrors(problem, whitened, &squared)) {
-    fit.cost = std::numeric_limits<double>::infinity();
-    return fit;
-  }
-  fit.noise = noiseScale(squared);
-  for (const double error : squared) fit.cost += huberCost(error, huber);
-  return fit;
+double MapFit::cost(double huber) const {
+  double sum = 0.0;
+  for (const double error : squared) sum += huberCost(error, huber);
+  return sum;
+}
+
+double MapFit::meanCost(double huber) const {
+  return squared.empty() ? 0.0 : cost(huber) / static_cast<double>(squared.size());
+}
+
+MapFit fitOf(const Map& map) { return wholeMap(map, {}).fit(); }
+
+MapFit fitOf(const Map& map, std::span<const KeyframeId> keyframes) {
+  KeyframeRoles roles;
+  for (const KeyframeId id : keyframes) roles[id] = false;
+  return MapProblem(map, roles, map.markersSeenFrom(keyframes), {}).fit();
 }
 
 }  // namespace waymark::slam

@@ -3,6 +3,7 @@
 
 #include <optional>
 #include <span>
+#include <vector>
 
 #include "slam/map/map.h"
 #include "slam/map/marker_options.h"
@@ -49,13 +50,19 @@ struct ReadoutEstimate {
                                                                  const CameraModel& camera,
                                                                  const BundleOptions& options);
 
-// How well the posed markers explain what the keyframes saw.
+// How well the posed markers explain what keyframes saw.
 struct MapFit {
-  double cost = 0.0;   // robust, whitened; infinite when a corner is behind its camera
+  // Squared whitened errors of the corners; all infinite when one is behind its camera.
+  std::vector<double> squared;
   double noise = 1.0;  // standard deviation of the whitened residuals, at least 1
-  int corners = 0;
+
+  // huber: the kernel's threshold, in units of the corners' covariances.
+  [[nodiscard]] double cost(double huber) const;
+  // Per corner; 0 without any.
+  [[nodiscard]] double meanCost(double huber) const;
 };
-// huber: the kernel's threshold, in units of the corners' covariances.
-[[nodiscard]] MapFit fitOf(const Map& map, double huber);
+[[nodiscard]] MapFit fitOf(const Map& map);
+// Of some keyframes only. Precondition: they exist.
+[[nodiscard]] MapFit fitOf(const Map& map, std::span<const KeyframeId> keyframes);
 
 }  // namespace waymark::slam

@@ -137,13 +137,13 @@ TEST_F(MapOptimiserTest, WithIntrinsicsTheLensAndTheCornersFollow) {
   stale.fy += 4.0;
   CameraModel lens(stale);
   map.undistortAgain(lens, 0.0);
-  const double before = fitOf(map, 2.45).cost;
+  const double before = fitOf(map).cost(2.45);
   const BundleSummary summary =
       optimiseGloballyWithIntrinsics(&map, options_, IntrinsicPriors{}, 0.0, kToTheEnd, &lens);
   ASSERT_FALSE(summary.failed);
   EXPECT_LT(std::abs(lens.calibration().fx - camera_.calibration().fx), 1.0);
   EXPECT_LT(std::abs(lens.calibration().fy - camera_.calibration().fy), 1.0);
-  EXPECT_LT(fitOf(map, 2.45).cost, 0.5 * before);
+  EXPECT_LT(fitOf(map).cost(2.45), 0.5 * before);
   const MarkerDetection& detection = map.keyframes().at(3).detections.front();
   EXPECT_LT((lens.project({detection.normalised[0].x(), detection.normalised[0].y(), 1.0}).value() -
              detection.pixels[0])
@@ -154,14 +154,16 @@ TEST_F(MapOptimiserTest, WithIntrinsicsTheLensAndTheCornersFollow) {
 
 TEST_F(MapOptimiserTest, FitTellsCostNoiseAndCorners) {
   Map map = trueMap(0.0);
-  MapFit fit = fitOf(map, 2.45);
-  EXPECT_LT(fit.cost, 1e-9);
+  MapFit fit = fitOf(map);
+  EXPECT_LT(fit.cost(2.45), 1e-9);
   EXPECT_EQ(fit.noise, 1.0) << "never less than the covariances say";
-  int corners = 0;
+  std::size_t corners = 0;
   for (const auto& [id, keyframe] : map.keyframes()) {
-    corners += 4 * static_cast<int>(keyframe.detections.size());
+    corners += 4 * keyframe.detections.size();
   }
-  EXPECT_EQ(fit.corners, corners);
+  EXPECT_EQ(fit.squared.size(), corners);
+  const KeyframeId third[] = {2};
+  EXPECT_EQ(fitOf(map, third).squared.size(), 4 * map.keyframes().at(2).detections.size());
   // Noise four times what the covariances say.
   map = trueMap(0.2);
   const Map honest = map;
@@ -173,15 +175,15 @@ TEST_F(MapOptimiserTest, FitTellsCostNoiseAndCorners) {
     }
     (void)map.addKeyframe(noisy);
   }
-  EXPECT_NEAR(fitOf(map, 2.45).noise, 4.0, 0.6);
+  EXPECT_NEAR(fitOf(map).noise, 4.0, 0.6);
   map.marker(3).T_w_m->p.y() = -9.0;
-  EXPECT_TRUE(std::isinf(fitOf(map, 2.45).cost));
+  EXPECT_TRUE(std::isinf(fitOf(map).cost(2.45)));
 }
 
 TEST_F(MapOptimiserTest, EmptyMapsDoNoHarm) {
   Map empty;
   EXPECT_EQ(optimiseGlobally(&empty, options_, kToTheEnd).final_cost, 0.0);
-  EXPECT_EQ(fitOf(empty, 2.45).corners, 0);
+  EXPECT_EQ(fitOf(empty).squared.size(), 0U);
   Map unposed;
   unposed.addMarker(1, kSize);
   MarkerDetection detection;

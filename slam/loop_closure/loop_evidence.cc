@@ -1,0 +1,36 @@
+#include "slam/loop_closure/loop_evidence.h"
+
+#include <algorithm>
+#include <utility>
+
+namespace waymark::slam {
+
+LoopFrame loopEvidence(Keyframe frame, KeyframeId reference, std::span<const KnownMarker> loop,
+                       const PoseOptimiser& optimiser, double focal_px,
+                       const RelocaliserOptions& options) {
+  LoopFrame evidence{std::move(frame), {}, {}, reference};
+  const auto add = [&](const KnownMarker& marker) {
+    evidence.loop_markers.push_back(marker.detection->id);
+    evidence.frame.detections.push_back(*marker.detection);
+  };
+  const auto expected = relocalise(loop, optimiser, focal_px, options);
+  if (expected && optimiser.acceptable(*expected)) {
+    for (std::size_t i = 0; i < loop.size(); ++i) {
+      if (expected->inlier[i]) add(loop[i]);
+    }
+    evidence.expected = {expected->T_w_c};
+  } else if (loop.size() == 1) {
+    const auto square =
+        estimateSquarePose(*loop[0].detection, loop[0].size_m, focal_px, options.square);
+    if (!square) return evidence;
+    add(loop[0]);
+    for (const Transform& T_c_m : square->T_c_m) {
+      evidence.expected.push_back(loop[0].T_w_m * T_c_m.inverse());
+    }
+  }
+  std::sort(evidence.frame.detections.begin(), evidence.frame.detections.end(),
+            [](const MarkerDetection& a, const MarkerDetection& b) { return a.id < b.id; });
+  return evidence;
+}
+
+}  // namespace waymark::slam
