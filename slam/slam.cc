@@ -1,7 +1,7 @@
 #include "slam/slam.h"
 
 #include <algorithm>
-#include <set>
+#include <map>
 #include <utility>
 
 #include "slam/geometry/robust.h"
@@ -91,11 +91,20 @@ class Slam::Impl {
 
   void addViews(std::span<const PastFrame> frames) {
     if (!options_.mapping) return;
-    std::set<std::int64_t> in_map_ns;
-    for (const auto& [id, keyframe] : map_.keyframes()) in_map_ns.insert(keyframe.monotonic_ns);
+    std::map<std::int64_t, KeyframeId> in_map;  // by time
+    for (const auto& [id, keyframe] : map_.keyframes()) in_map[keyframe.monotonic_ns] = id;
     for (const PastFrame& frame : frames) {
-      if (in_map_ns.count(frame.time.monotonic_ns) != 0) continue;
-      if (auto view = viewOf(frame)) (void)map_.addKeyframe(std::move(*view));
+      auto view = viewOf(frame);
+      if (!view) continue;
+      const auto known = in_map.find(frame.time.monotonic_ns);
+      if (known == in_map.end()) {
+        (void)map_.addKeyframe(std::move(*view));
+        continue;
+      }
+      for (const MarkerDetection& detection : view->detections) {
+        const Keyframe& keyframe = map_.keyframes().at(known->second);
+        if (keyframe.find(detection.id) == nullptr) map_.addView(keyframe.id, detection);
+      }
     }
   }
 

@@ -97,10 +97,10 @@ class Slam {
   [[nodiscard]] const Counters& counters() const;
   [[nodiscard]] const CameraModel& camera() const;
 
-  // Makes keyframes of frames that were none while they came: the optimisation at the end of a
-  // recording need not be fast, and more views make a better map than section 4.10's keyframes
-  // alone. Each is located against the map as it is now; those that do not fit are left out. Does
-  // nothing when mapping is off.
+  // Makes keyframes of frames that were none while they came, and gives those that were the markers
+  // that fit by now: the optimisation at the end of a recording need not be fast, and more views
+  // make a better map than section 4.10's keyframes alone. Each frame is located against the map as
+  // it is now; those that do not fit are left out. Does nothing when mapping is off.
   void addViews(std::span<const PastFrame> frames);
   // Global optimisation of the whole map (section 4.10), for the end of a recording or a map that
   // is to be saved; does nothing when mapping is off.

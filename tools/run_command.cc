@@ -150,12 +150,16 @@ void optimiseGlobally(const RunArguments& arguments, slam::Slam* slam, RunRecord
   if (arguments.no_global) return;
   // More are hardly better: neighbouring frames see the same.
   constexpr std::size_t kViews = 240;
-  slam->addViews(record->spreadFrames(kViews));
-  if (arguments.refine_intrinsics) {
-    slam->optimiseGloballyWithIntrinsics();
-    record->undistortAgain(slam->camera());
-  } else {
-    slam->optimiseGlobally();
+  // What did not fit the map as it was live may fit the better one.
+  constexpr int kRounds = 2;
+  for (int round = 0; round < kRounds; ++round) {
+    slam->addViews(record->spreadFrames(kViews));
+    if (arguments.refine_intrinsics) {
+      slam->optimiseGloballyWithIntrinsics();
+      record->undistortAgain(slam->camera());
+    } else {
+      slam->optimiseGlobally();
+    }
   }
 }
 

@@ -87,7 +87,8 @@ reversed_images() {
 
 # measure_recording RECORDING FOLDER KEPT FILE: a real recording. Its map and picture stay in KEPT.
 measure_recording() {
-  local recording=$1 from=$2 kept=$3 file=$4 source options=() other
+  local recording=$1 from=$2 kept=$3 file=$4 source extra options=() other
+  mapfile -t extra < <(jq -r '.options[]?' <<< "$recording")
   source=$from/$(jq -r .source <<< "$recording")
   if [[ $(jq -r '.reversed // false' <<< "$recording") == true ]]; then
     rm -rf "$work/reversed"
@@ -97,7 +98,10 @@ measure_recording() {
   rm -rf "$kept"
   "$waymark" run "$source" --calibration "$from/calib.yml" --out "$kept" --quiet \
     --dictionary "$(jq -r .dictionary <<< "$recording")" \
-    --marker-size "$(jq -r .size_m <<< "$recording")"
+    --marker-size "$(jq -r .size_m <<< "$recording")" "${extra[@]}"
+  # The limit is one of the corners as the given lens undistorts them.
+  [[ -f $from/gt_traj.txt && $source == *.csv && ${#extra[@]} -eq 0 ]] &&
+    options+=(--limit "$source" --calibration "$from/calib.yml")
   [[ -f $from/gt_traj.txt ]] &&
     options+=(--truth "$from/gt_traj.txt" --estimate "$kept/trajectory_final.tum")
   [[ -f $from/gt_map.json ]] && options+=(--truth-map "$from/gt_map.json" --map "$kept/map.json")

@@ -121,12 +121,13 @@ def recording_missed($t):
     (select($t.agreement_mm and (.other.ace_m.max // 1e9) * 1000 > $t.agreement_mm) | "agreement") ];
 def recording_table:
   table(["recording", "frames localised", "markers", "reprojection RMS, px", "ACE, mm: mean / max",
-         "ATE final, mm", "map against the other order's, cm: mean / max", "target", "met", "version"];
+         "ACE limit, mm", "ATE final, mm", "map against the other order's, cm: mean / max", "target", "met", "version"];
     [$plan.recordings[] as $plan | first($recordings[] | select(.recording == $plan.name)) // null
-      | if . == null then [$plan.name, "not measured"] + [range(8) | ""] else
+      | if . == null then [$plan.name, "not measured"] + [range(9) | ""] else
         [.recording, "\(.stats.localized) of \(.stats.frames)", .stats.markers,
          (.stats.reprojection_rms_px | digits),
          (if .truth.ace_m then "\(.truth.ace_m.mean | mm) / \(.truth.ace_m.max | mm)" else "" end),
+         (if .truth.limit.ace_m then .truth.limit.ace_m.mean | mm else "" end),
          (if .truth.ate_m then .truth.ate_m.mean | mm else "" end),
          (if .other.ace_m then "\(.other.ace_m.mean | cm) / \(.other.ace_m.max | cm)" else "" end),
          ($plan.target // {} | [(.markers | select(.) | "\(.) markers"), (.rms_px | select(.) | "RMS < \(.) px"),

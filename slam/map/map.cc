@@ -113,6 +113,16 @@ void Map::removeKeyframe(KeyframeId id) {
   keyframes_.erase(id);
 }
 
+void Map::addView(KeyframeId id, const MarkerDetection& detection) {
+  std::vector<MarkerDetection>& detections = keyframes_.at(id).detections;
+  const auto behind = std::upper_bound(
+      detections.begin(), detections.end(), detection.id,
+      [](int marker_id, const MarkerDetection& other) { return marker_id < other.id; });
+  detections.insert(behind, detection);
+  std::vector<KeyframeId>& views = views_[detection.id];
+  views.insert(std::upper_bound(views.begin(), views.end(), id), id);
+}
+
 void Map::removeViews(int marker_id, std::span<const KeyframeId> keyframes) {
   const std::vector<KeyframeId> gone(keyframes.begin(), keyframes.end());  // may be viewsOf()
   for (const KeyframeId id : gone) {

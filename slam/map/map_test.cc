@@ -69,6 +69,21 @@ TEST(Map, KeyframeIdsEverGrow) {
   EXPECT_EQ(map.addKeyframe(from_file), 11);
 }
 
+TEST(Map, ALateViewIsLikeAnyOther) {
+  Map map;
+  for (const int id : {1, 2, 3}) map.addMarker(id, 0.1);
+  const KeyframeId first = map.addKeyframe({-1, 0, 0, {}, {seen(1), seen(3)}});
+  const KeyframeId second = map.addKeyframe({-1, 1, 1, {}, {seen(2)}});
+  map.addView(first, seen(2));
+  ASSERT_NE(map.keyframes().at(first).find(2), nullptr);
+  EXPECT_EQ(map.keyframes().at(first).find(2)->id, 2);
+  EXPECT_NE(map.keyframes().at(first).find(3), nullptr) << "still sorted";
+  const auto views = map.viewsOf(2);
+  EXPECT_EQ(std::vector<KeyframeId>(views.begin(), views.end()),
+            (std::vector<KeyframeId>{first, second}));
+  EXPECT_EQ(map.neighbours(second), (std::vector<KeyframeId>{first, second}));
+}
+
 TEST(Map, RemovalsLeaveNoTrace) {
   Map map = smallMap();
   map.removeKeyframe(1);
