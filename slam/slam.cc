@@ -198,12 +198,11 @@ class Slam::Impl {
               std::vector<MarkerDetection>* detections) const {
     if (readout_s_ == 0.0) return;
     for (MarkerDetection& detection : *detections) {
-      const MapMarker* marker = map_.findPosed(detection.id);
-      const double size_m = options_.markers.sizeOf(detection.id);
-      const auto known =
-          marker != nullptr ? depthFromPose(T_w_c, *marker->T_w_m, size_m) : std::nullopt;
-      detection = atMidFrame(detection, camera_, twist,
-                             known ? *known : depthFromSize(detection, size_m), readout_s_);
+      const MapMarker* marker = map_.find(detection.id);
+      const auto better = deskewed(detection, camera_, T_w_c, twist,
+                                   marker != nullptr ? marker->T_w_m : std::nullopt,
+                                   options_.markers.sizeOf(detection.id), readout_s_);
+      if (better) detection = *better;
     }
   }
 
