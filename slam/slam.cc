@@ -4,7 +4,6 @@
 #include <set>
 #include <utility>
 
-#include "slam/geometry/robust.h"
 #include "slam/loop_closure/loop_closer.h"
 #include "slam/loop_closure/loop_detector.h"
 #include "slam/loop_closure/loop_evidence.h"
@@ -28,12 +27,6 @@ class StageScope {
   StageObserver* observer_;
   Stage stage_;
 };
-
-double medianDepth(std::span<const KnownMarker> markers, const Transform& T_w_c) {
-  std::vector<double> depths;
-  for (const KnownMarker& marker : markers) depths.push_back((marker.T_w_m.p - T_w_c.p).norm());
-  return depths.empty() ? 1.0 : median(std::move(depths));
-}
 
 }  // namespace
 
@@ -450,9 +443,9 @@ class Slam::Impl {
         }
       }
     }
-    loop_detector_.follow(map_, sight->fitting, result->pose->T_w_c,
-                          medianDepth(sight->known.eligible, result->pose->T_w_c),
-                          options_.mapper.keyframes);
+    const Transform& T_w_c = result->pose->T_w_c;
+    const double depth_m = medianDepth(sight->known.eligible, T_w_c).value_or(1.0);
+    loop_detector_.follow(map_, sight->fitting, T_w_c, depth_m, options_.mapper.keyframes);
   }
 
   // The map moved under the camera. The subscriber gets the frame's pose in the map as it is now.
