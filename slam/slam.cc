@@ -454,11 +454,6 @@ class Slam::Impl {
     tracker_.correct(T_w_c);
   }
 
-  static void sortById(std::vector<MarkerDetection>* detections) {
-    std::sort(detections->begin(), detections->end(),
-              [](const MarkerDetection& a, const MarkerDetection& b) { return a.id < b.id; });
-  }
-
   [[nodiscard]] PoseEstimate estimateOf(const PoseSolution& solution,
                                         std::span<const KnownMarker> known,
                                         const Twist& twist) const {

@@ -44,18 +44,10 @@ void RunRecord::add(std::int64_t time_ns, const slam::FrameResult& result,
 }
 
 void RunRecord::undistortAgain(const slam::CameraModel& camera) {
-  const auto undistort = [&camera](slam::MarkerDetection* detection) {
-    for (std::size_t k = 0; k < 4; ++k) {
-      const auto normalised = camera.undistort(detection->pixels[k]);
-      if (!normalised) return false;
-      detection->normalised[k] = *normalised;
-    }
-    return true;
-  };
   for (FrameRecord& frame : frames_) {
     std::vector<slam::MarkerDetection> seen;
     for (slam::MarkerDetection& detection : frame.detections) {
-      if (undistort(&detection)) seen.push_back(detection);
+      if (slam::undistortCorners(camera, &detection)) seen.push_back(detection);
     }
     frame.detections = std::move(seen);
   }

@@ -1,5 +1,7 @@
 #include "slam/detection/marker_detection.h"
 
+#include <algorithm>
+
 #include "slam/geometry/camera_model.h"
 
 namespace waymark::slam {
@@ -13,6 +15,11 @@ bool undistortCorners(const CameraModel& camera, MarkerDetection* detection) {
   }
   detection->normalised = normalised;
   return true;
+}
+
+void sortById(std::vector<MarkerDetection>* detections) {
+  std::stable_sort(detections->begin(), detections->end(),
+                   [](const MarkerDetection& a, const MarkerDetection& b) { return a.id < b.id; });
 }
 
 }  // namespace waymark::slam

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <array>
+#include <vector>
 
 #include <Eigen/Core>
 
@@ -29,6 +30,9 @@ struct MarkerDetection {
 // `normalised` from `pixels`. False when a corner is outside the lens's range; the detection then
 // stays as it is.
 [[nodiscard]] bool undistortCorners(const CameraModel& camera, MarkerDetection* detection);
+
+// Those of one id stay in their order.
+void sortById(std::vector<MarkerDetection>* detections);
 
 // The corners of a marker of the given size in its own frame, metres: origin at the centre, x
 // right, y up, z out of the print (Eq. 9 with the origin moved to the centre).

@@ -84,8 +84,7 @@ MapMarker& Map::addMarker(int marker_id, double size_m) {
 KeyframeId Map::addKeyframe(Keyframe keyframe) {
   keyframe.id = std::max(keyframe.id, next_keyframe_);
   next_keyframe_ = keyframe.id + 1;
-  std::sort(keyframe.detections.begin(), keyframe.detections.end(),
-            [](const MarkerDetection& a, const MarkerDetection& b) { return a.id < b.id; });
+  sortById(&keyframe.detections);
   for (const MarkerDetection& detection : keyframe.detections) {
     views_[detection.id].push_back(keyframe.id);
   }
