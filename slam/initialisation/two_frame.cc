@@ -154,9 +154,7 @@ std::vector<InitialMarker> markerPoses(const std::vector<CommonMarker>& common,
 double meanCornerVariance(const std::vector<CommonMarker>& common) {
   double variance = 0.0;
   for (const CommonMarker& m : common) {
-    for (std::size_t k = 0; k < 4; ++k) {
-      variance += (m.seen[0]->covariance[k] + m.seen[1]->covariance[k]).trace() / 16.0;
-    }
+    variance += 0.5 * (cornerVariance(*m.seen[0]) + cornerVariance(*m.seen[1]));
   }
   return variance / static_cast<double>(common.size());
 }
