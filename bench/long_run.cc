@@ -17,6 +17,7 @@
 #include "io/map_file.h"
 #include "io/number_text.h"
 #include "simulator/observed_corners.h"
+#include "slam/geometry/align_points.h"
 #include "slam/slam.h"
 #include "tools/evaluation.h"
 #include "tools/exit_code.h"
@@ -65,7 +66,7 @@ std::vector<io::MarkerCorners> layoutOf(const Walk& walk) {
 // Positions of a stretch against the truth, aligned by themselves; millimetres.
 std::string ateText(const Stretch& stretch) {
   if (stretch.estimate.empty()) return "-";
-  const slam::Transform T = tools::alignPoints(stretch.estimate, stretch.truth);
+  const slam::Transform T = slam::alignPoints(stretch.estimate, stretch.truth);
   double sum_m = 0.0;
   for (std::size_t i = 0; i < stretch.truth.size(); ++i) {
     sum_m += (T * stretch.estimate[i] - stretch.truth[i]).norm();

@@ -45,10 +45,6 @@ Result<StartMap> readStartMap(const io::SlamSettings& settings, const slam::Cali
                                                    .camera = camera,
                                                    .localise_only = map.localise_only});
   if (!old) return old.error();
-  if (map.localise_only && old->file.map.empty()) {
-    return Error{map.in.string() +
-                 ": markers: none has a pose, so there is nothing to localise in"};
-  }
   io::agreeOnReadout(&*old, &start.options);
   start.notes = std::move(old->warnings);
   start.notes.push_back(map.in.string() + ": going on with " + contents(old->file.map));

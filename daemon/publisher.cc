@@ -142,27 +142,15 @@ void Publisher::publishHealth(std::int64_t now_ns) {
 // nothing is under way any more.
 void Publisher::fillCounters() {
   const capture::SourceCounters source = camera_.counters();
-  const slam::Counters& slam = record_.counters;
   health_.counters.clear();
   addCounter("camera.frames", source.frames);
   addCounter("camera.reopened", camera_.reopened());
   addCounter("dropped.source_late", source.dropped_late);
   addCounter("dropped.source_no_buffer", source.dropped_no_buffer);
   addCounter("dropped.queue", frames_.dropped());
-  addCounter("slam.frames", slam.frames);
-  addCounter("slam.localized", slam.localized);
-  addCounter("slam.keyframes_added", slam.keyframes_added);
-  addCounter("slam.relocalizations", slam.relocalizations);
-  addCounter("slam.loop_closures", slam.loop_closures);
-  addCounter("slam.rejected_markers", slam.rejected_markers);
-  addCounter("slam.rejected_poses", slam.rejected_poses);
-  addCounter("slam.loops_without_drift", slam.loops_without_drift);
-  addCounter("slam.loops_refused", slam.loops_refused);
-  addCounter("slam.clipped_markers", slam.clipped_markers);
-  addCounter("slam.doubled_markers", slam.doubled_markers);
-  addCounter("slam.flipped_markers", slam.flipped_markers);
-  addCounter("slam.quarantined_markers", slam.quarantined_markers);
-  addCounter("slam.refused_markers", slam.refused_markers);
+  slam::forEachCounter(record_.counters, [this](const char* name, std::uint64_t value) {
+    addCounter(std::string("slam.") + name, value);
+  });
   addCounter("deadline.missed", deadlines_missed_);
   addCounter("dropped.publisher", input_.records_lost.load(std::memory_order_relaxed));
   addCounter("dropped.unsent", poses_unsent_);
@@ -172,9 +160,9 @@ void Publisher::fillCounters() {
   health_.counter_count = static_cast<std::int32_t>(health_.counters.size());
 }
 
-void Publisher::addCounter(const char* name, std::uint64_t value) {
+void Publisher::addCounter(std::string name, std::uint64_t value) {
   health_.counters.emplace_back();
-  health_.counters.back().name = name;
+  health_.counters.back().name = std::move(name);
   health_.counters.back().value = static_cast<std::int64_t>(value);
 }
 

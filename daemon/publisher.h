@@ -40,7 +40,7 @@ class Publisher {
   void publishHealthWhenDue(std::int64_t now_ns);
   void publishHealth(std::int64_t now_ns);
   void fillCounters();
-  void addCounter(const char* name, std::uint64_t value);
+  void addCounter(std::string name, std::uint64_t value);
 
   // False when it did not leave; then it is counted in unsent_.
   template <typename Message>

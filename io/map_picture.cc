@@ -5,11 +5,13 @@
 #include <cmath>
 #include <limits>
 #include <string_view>
+#include <utility>
 
 #include <Eigen/Geometry>
 
 #include "io/number_text.h"
 #include "io/text_file.h"
+#include "slam/geometry/robust.h"
 
 namespace waymark::io {
 namespace {
@@ -258,10 +260,7 @@ std::int64_t medianPeriod(const Trajectory& trajectory) {
   for (std::size_t i = 1; i < trajectory.size(); ++i) {
     periods.push_back(trajectory[i].time_ns - trajectory[i - 1].time_ns);
   }
-  if (periods.empty()) return 0;
-  const auto middle = periods.begin() + static_cast<std::ptrdiff_t>(periods.size() / 2);
-  std::nth_element(periods.begin(), middle, periods.end());
-  return *middle;
+  return periods.empty() ? 0 : slam::median(std::move(periods));
 }
 
 // A solid line per stretch without a missing frame; gaps are dotted and thin.

@@ -96,7 +96,10 @@ Result<OldMap> readOldMap(const std::filesystem::path& path, const OldMapUse& us
   if (old.file.readout_s != 0.0 && sameCamera(*old.file.camera, use.camera)) {
     old.readout_s = old.file.readout_s;
   }
-  if (use.localise_only) return old;
+  if (use.localise_only) {
+    if (!old.file.map.empty()) return old;
+    return Error{name + "markers: none has a pose, so there is nothing to localise in"};
+  }
   const auto changed = changeCamera(use.camera, &old.file);
   if (!changed) return Error{name + changed.error().message};
   if (*changed) old.warnings.push_back(name + **changed);

@@ -30,9 +30,10 @@ struct OldMap {
   std::optional<double> readout_s;
 };
 
-// Another dictionary, another size of a marker and, where the map is to grow, another camera are
-// errors. A camera that was only calibrated again (same image size and model, nowhere more than 1 %
-// of the image's width apart) is a warning: the map's corners are then undistorted anew.
+// Another dictionary, another size of a marker, nothing to localise in where that is all that is
+// wanted and, where the map is to grow, another camera are errors. A camera that was only
+// calibrated again (same image size and model, nowhere more than 1 % of the image's width apart) is
+// a warning: the map's corners are then undistorted anew.
 [[nodiscard]] Result<OldMap> readOldMap(const std::filesystem::path& path, const OldMapUse& use);
 
 // Learning goes on from the readout time that the map has learned. One that the options give holds

@@ -123,6 +123,15 @@ TEST_F(OldMapFile, OfMarkersOnly) {
   EXPECT_EQ(old->file.camera->fx, kCamera.fx);
 }
 
+TEST_F(OldMapFile, WithNothingToLocaliseIn) {
+  map_.removeKeyframe(0);
+  map_.marker(3).T_w_m.reset();
+  map_.marker(3).state = slam::MarkerState::kUnresolved;
+  ASSERT_TRUE(read()) << "it can still grow";
+  use_.localise_only = true;
+  expectError(read(), "markers: none has a pose, so there is nothing to localise in");
+}
+
 TEST_F(OldMapFile, ThatWasEdited) {
   std::string text = formatMap(map_, kCamera);
   const std::size_t begin = text.find("\"checksum\"");

@@ -1,11 +1,8 @@
 #include "io/posed_markers.h"
 
-#include <algorithm>
-
-#include <Eigen/Geometry>
-
 #include "slam/detection/dictionary.h"
 #include "slam/detection/marker_detection.h"
+#include "slam/geometry/align_points.h"
 
 namespace waymark::io {
 
@@ -25,14 +22,7 @@ Result<PosedMarker> markerAtCorners(int id, const std::array<Eigen::Vector3d, 4>
     marker.size_m += 0.25 * (corners[(k + 1) % 4] - corners[k]).norm();
   }
   const auto square = slam::markerCorners(marker.size_m);
-  Eigen::Matrix<double, 3, 4> from;
-  Eigen::Matrix<double, 3, 4> to;
-  for (std::size_t k = 0; k < 4; ++k) {
-    from.col(static_cast<Eigen::Index>(k)) = square[k];
-    to.col(static_cast<Eigen::Index>(k)) = corners[k];
-  }
-  const Eigen::Matrix4d T = Eigen::umeyama(from, to, /*with_scaling=*/false);
-  marker.T_w_m = {T.topLeftCorner<3, 3>(), T.topRightCorner<3, 1>()};
+  marker.T_w_m = slam::alignPoints(square, corners);
   for (std::size_t k = 0; k < 4; ++k) {
     constexpr double kWorstPerSide = 0.01;
     const double error_m = (marker.T_w_m * square[k] - corners[k]).norm();

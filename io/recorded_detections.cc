@@ -1,6 +1,5 @@
 #include "io/recorded_detections.h"
 
-#include <algorithm>
 #include <array>
 #include <map>
 #include <optional>
@@ -58,11 +57,9 @@ Eigen::Matrix2d lensJacobian(const slam::CameraModel& camera, const Eigen::Vecto
 // False when a corner lies outside the lens's range.
 bool undistort(const slam::CameraModel& camera, const Covariances& covariances_px2,
                slam::MarkerDetection* detection) {
+  if (!slam::undistortCorners(camera, detection)) return false;
   for (std::size_t i = 0; i < 4; ++i) {
-    const auto normalised = camera.undistort(detection->pixels[i]);
-    if (!normalised) return false;
-    const Eigen::Matrix2d J_inverse = lensJacobian(camera, *normalised).inverse();
-    detection->normalised[i] = *normalised;
+    const Eigen::Matrix2d J_inverse = lensJacobian(camera, detection->normalised[i]).inverse();
     detection->covariance[i] = J_inverse * covariances_px2[i] * J_inverse.transpose();
   }
   return true;
@@ -185,8 +182,7 @@ Result<RecordedDetections> readRecordedDetections(const fs::path& path,
   });
   if (!read) return read.error();
   for (auto& [time_ns, detections] : frames) {
-    std::stable_sort(detections.begin(), detections.end(),
-                     [](const auto& a, const auto& b) { return a.id < b.id; });
+    slam::sortById(&detections);
     recorded.frames.push_back({time_ns, std::move(detections)});
   }
   if (recorded.frames.empty()) return Error{path.string() + ": has no frames"};

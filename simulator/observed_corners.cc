@@ -1,7 +1,5 @@
 #include "simulator/observed_corners.h"
 
-#include <algorithm>
-
 #include <Eigen/LU>
 
 #include "simulator/random.h"
@@ -59,8 +57,7 @@ std::vector<slam::MarkerDetection> observeCorners(const slam::CameraModel& camer
       detections.push_back(*detection);
     }
   }
-  std::stable_sort(detections.begin(), detections.end(),
-                   [](const auto& a, const auto& b) { return a.id < b.id; });
+  slam::sortById(&detections);
   return detections;
 }
 

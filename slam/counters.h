@@ -22,4 +22,24 @@ struct Counters {
   std::uint64_t refused_markers = 0;      // printed twice, or moved again and again
 };
 
+// Calls use(name, value) for each, in the order in which health and stats.json list them.
+template <typename Use>
+void forEachCounter(const Counters& counters, const Use& use) {
+  use("frames", counters.frames);
+  use("localized", counters.localized);
+  use("keyframes_added", counters.keyframes_added);
+  use("relocalizations", counters.relocalizations);
+  use("loop_closures", counters.loop_closures);
+  use("rejected_markers", counters.rejected_markers);
+  use("rejected_poses", counters.rejected_poses);
+  use("loops_without_drift", counters.loops_without_drift);
+  use("loops_refused", counters.loops_refused);
+  use("clipped_markers", counters.clipped_markers);
+  use("doubled_markers", counters.doubled_markers);
+  use("flipped_markers", counters.flipped_markers);
+  use("quarantined_markers", counters.quarantined_markers);
+  use("refused_markers", counters.refused_markers);
+  static_assert(sizeof(Counters) == 14 * sizeof(std::uint64_t), "one is missing here");
+}
+
 }  // namespace waymark::slam

@@ -4,7 +4,6 @@
 #include <map>
 #include <utility>
 
-#include "slam/geometry/robust.h"
 #include "slam/loop_closure/loop_closer.h"
 #include "slam/loop_closure/loop_detector.h"
 #include "slam/loop_closure/loop_evidence.h"
@@ -28,12 +27,6 @@ class StageScope {
   StageObserver* observer_;
   Stage stage_;
 };
-
-double medianDepth(std::span<const KnownMarker> markers, const Transform& T_w_c) {
-  std::vector<double> depths;
-  for (const KnownMarker& marker : markers) depths.push_back((marker.T_w_m.p - T_w_c.p).norm());
-  return depths.empty() ? 1.0 : median(std::move(depths));
-}
 
 }  // namespace
 
@@ -207,12 +200,11 @@ class Slam::Impl {
               std::vector<MarkerDetection>* detections) const {
     if (readout_s_ == 0.0) return;
     for (MarkerDetection& detection : *detections) {
-      const MapMarker* marker = map_.findPosed(detection.id);
-      const double size_m = options_.markers.sizeOf(detection.id);
-      const auto known =
-          marker != nullptr ? depthFromPose(T_w_c, *marker->T_w_m, size_m) : std::nullopt;
-      detection = atMidFrame(detection, camera_, twist,
-                             known ? *known : depthFromSize(detection, size_m), readout_s_);
+      const MapMarker* marker = map_.find(detection.id);
+      const auto better = deskewed(detection, camera_, T_w_c, twist,
+                                   marker != nullptr ? marker->T_w_m : std::nullopt,
+                                   options_.markers.sizeOf(detection.id), readout_s_);
+      if (better) detection = *better;
     }
   }
 
@@ -460,20 +452,15 @@ class Slam::Impl {
         }
       }
     }
-    loop_detector_.follow(map_, sight->fitting, result->pose->T_w_c,
-                          medianDepth(sight->known.eligible, result->pose->T_w_c),
-                          options_.mapper.keyframes);
+    const Transform& T_w_c = result->pose->T_w_c;
+    const double depth_m = medianDepth(sight->known.eligible, T_w_c).value_or(1.0);
+    loop_detector_.follow(map_, sight->fitting, T_w_c, depth_m, options_.mapper.keyframes);
   }
 
   // The map moved under the camera. The subscriber gets the frame's pose in the map as it is now.
   void moveTo(const Transform& T_w_c, FrameResult* result) {
     result->pose->T_w_c = T_w_c;
     tracker_.correct(T_w_c);
-  }
-
-  static void sortById(std::vector<MarkerDetection>* detections) {
-    std::sort(detections->begin(), detections->end(),
-              [](const MarkerDetection& a, const MarkerDetection& b) { return a.id < b.id; });
   }
 
   [[nodiscard]] PoseEstimate estimateOf(const PoseSolution& solution,

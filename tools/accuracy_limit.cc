@@ -8,6 +8,7 @@
 #include <optional>
 #include <vector>
 
+#include "slam/geometry/align_points.h"
 #include "slam/geometry/robust.h"
 
 namespace waymark::tools {
@@ -34,7 +35,7 @@ std::map<int, TrueMarker> trueMarkers(std::span<const io::MarkerCorners> layout)
   std::map<int, TrueMarker> markers;
   for (const io::MarkerCorners& marker : layout) {
     const auto own = slam::markerCorners(marker.size_m);
-    markers[marker.id] = {marker.size_m, alignPoints(own, marker.corners)};
+    markers[marker.id] = {marker.size_m, slam::alignPoints(own, marker.corners)};
   }
   return markers;
 }

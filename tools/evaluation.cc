@@ -10,7 +10,7 @@
 #include <set>
 #include <string>
 
-#include <Eigen/Geometry>
+#include "slam/geometry/align_points.h"
 
 namespace waymark::tools {
 namespace {
@@ -97,18 +97,6 @@ ErrorStatistics errorStatistics(std::vector<double> errors) {
   return statistics;
 }
 
-slam::Transform alignPoints(std::span<const Eigen::Vector3d> from,
-                            std::span<const Eigen::Vector3d> to) {
-  Eigen::Matrix3Xd source(3, static_cast<Eigen::Index>(from.size()));
-  Eigen::Matrix3Xd target(3, static_cast<Eigen::Index>(to.size()));
-  for (Eigen::Index i = 0; i < source.cols(); ++i) {
-    source.col(i) = from[static_cast<std::size_t>(i)];
-    target.col(i) = to[static_cast<std::size_t>(i)];
-  }
-  const Eigen::Matrix4d T = Eigen::umeyama(source, target, /*with_scaling=*/false);
-  return {T.topLeftCorner<3, 3>(), T.topRightCorner<3, 1>()};
-}
-
 void sortByTime(io::Trajectory* trajectory) {
   std::stable_sort(
       trajectory->begin(), trajectory->end(),
@@ -149,7 +137,7 @@ Result<TrajectoryErrors> compareTrajectories(const io::Trajectory& truth,
     from.push_back(pose.estimate.p);
     to.push_back(pose.truth.p);
   }
-  result.T_truth_est = alignPoints(from, to);
+  result.T_truth_est = slam::alignPoints(from, to);
   result.ate_m = distances(from, to, result.T_truth_est);
   addRelativeErrors(poses, options.segment_m, &result);
   return result;
@@ -194,7 +182,7 @@ Result<MapErrors> compareMaps(std::span<const io::MarkerCorners> truth,
   }
   for (const auto& [id, marker] : unmatched) result.unknown.push_back(id);
   if (result.common == 0) return Error{"no marker is in both maps"};
-  result.T_truth_est = alignPoints(from, to);
+  result.T_truth_est = slam::alignPoints(from, to);
   result.ace_m = distances(from, to, result.T_truth_est);
   return result;
 }

@@ -23,12 +23,6 @@ struct ErrorStatistics {
 // Zeros for an empty list.
 [[nodiscard]] ErrorStatistics errorStatistics(std::vector<double> errors);
 
-// The rigid motion, without scale, that brings `from` onto `to` with the least squared distance
-// (Horn). Where the points leave the rotation open (all on a line, one point), one of the best.
-// Precondition: both have the same number of points, and that is not 0.
-[[nodiscard]] slam::Transform alignPoints(std::span<const Eigen::Vector3d> from,
-                                          std::span<const Eigen::Vector3d> to);
-
 struct TrajectoryOptions {
   // Poses further apart in time are not the same frame. 2 ms: above the rounding of Matroska's
   // times (0.5 ms), below half the period of any camera here.

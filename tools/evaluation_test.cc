@@ -1,7 +1,6 @@
 #include "tools/evaluation.h"
 
 #include <cmath>
-#include <random>
 
 #include <gtest/gtest.h>
 
@@ -39,34 +38,6 @@ TEST(Evaluation, StatisticsOfKnownNumbers) {
   EXPECT_DOUBLE_EQ(s.rms, std::sqrt(7.5));
   EXPECT_DOUBLE_EQ(s.median, 2.5);
   EXPECT_DOUBLE_EQ(s.max, 4.0);
-}
-
-TEST(Evaluation, AlignmentUndoesAnyRigidMotion) {
-  std::mt19937 rng(3);
-  std::normal_distribution<double> normal;
-  std::vector<Eigen::Vector3d> from;
-  std::vector<Eigen::Vector3d> to;
-  for (int i = 0; i < 10; ++i) {
-    from.emplace_back(normal(rng), normal(rng), normal(rng));
-    to.push_back(someMotion() * from.back());
-  }
-  const slam::Transform T = alignPoints(from, to);
-  EXPECT_LT((T.p - someMotion().p).norm(), 1e-12);
-  EXPECT_LT((T.R - someMotion().R).norm(), 1e-12);
-}
-
-TEST(Evaluation, AlignmentOfALineOrAPointIsStillRigid) {
-  for (const std::size_t count : {1, 2, 5}) {
-    std::vector<Eigen::Vector3d> from;
-    std::vector<Eigen::Vector3d> to;
-    for (std::size_t i = 0; i < count; ++i) {
-      from.emplace_back(0.1 * static_cast<double>(i), 0.0, 1.0);
-      to.push_back(someMotion() * from.back());
-    }
-    const slam::Transform T = alignPoints(from, to);
-    EXPECT_NEAR(T.R.determinant(), 1.0, 1e-9);
-    for (std::size_t i = 0; i < count; ++i) EXPECT_LT((T * from[i] - to[i]).norm(), 1e-9);
-  }
 }
 
 TEST(Evaluation, AnotherWorldFrameIsNoError) {

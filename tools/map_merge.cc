@@ -7,7 +7,7 @@
 
 #include "io/number_text.h"
 #include "io/old_map.h"
-#include "tools/evaluation.h"
+#include "slam/geometry/align_points.h"
 
 namespace waymark::tools {
 namespace {
@@ -45,7 +45,7 @@ slam::Transform align(const std::vector<SharedMarker>& shared, const std::vector
     from.insert(from.end(), shared[i].in_b.begin(), shared[i].in_b.end());
     to.insert(to.end(), shared[i].in_a.begin(), shared[i].in_a.end());
   }
-  return alignPoints(from, to);
+  return slam::alignPoints(from, to);
 }
 
 // Indices of the markers that are where the alignment puts them.

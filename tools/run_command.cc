@@ -69,10 +69,6 @@ Result<std::optional<io::OldMap>> oldMap(const RunArguments& arguments,
                                         .camera = camera,
                                         .localise_only = arguments.localize_only});
   if (!old) return old.error();
-  if (arguments.localize_only && old->file.map.empty()) {
-    return Error{arguments.map_in +
-                 ": markers: none has a pose, so there is nothing to localise in"};
-  }
   return std::optional(std::move(old).value());
 }
 

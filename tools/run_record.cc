@@ -11,19 +11,6 @@ namespace {
 
 using Json = nlohmann::ordered_json;
 
-Json toJson(const slam::Counters& counters) {
-  return {{"keyframes_added", counters.keyframes_added},
-          {"rejected_markers", counters.rejected_markers},
-          {"rejected_poses", counters.rejected_poses},
-          {"loops_without_drift", counters.loops_without_drift},
-          {"loops_refused", counters.loops_refused},
-          {"clipped_markers", counters.clipped_markers},
-          {"doubled_markers", counters.doubled_markers},
-          {"flipped_markers", counters.flipped_markers},
-          {"quarantined_markers", counters.quarantined_markers},
-          {"refused_markers", counters.refused_markers}};
-}
-
 std::size_t posedMarkers(const slam::Map& map) {
   return static_cast<std::size_t>(
       std::count_if(map.markers().begin(), map.markers().end(),
@@ -44,18 +31,10 @@ void RunRecord::add(std::int64_t time_ns, const slam::FrameResult& result,
 }
 
 void RunRecord::undistortAgain(const slam::CameraModel& camera) {
-  const auto undistort = [&camera](slam::MarkerDetection* detection) {
-    for (std::size_t k = 0; k < 4; ++k) {
-      const auto normalised = camera.undistort(detection->pixels[k]);
-      if (!normalised) return false;
-      detection->normalised[k] = *normalised;
-    }
-    return true;
-  };
   for (FrameRecord& frame : frames_) {
     std::vector<slam::MarkerDetection> seen;
     for (slam::MarkerDetection& detection : frame.detections) {
-      if (undistort(&detection)) seen.push_back(detection);
+      if (slam::undistortCorners(camera, &detection)) seen.push_back(detection);
     }
     frame.detections = std::move(seen);
   }
@@ -151,8 +130,12 @@ std::string RunRecord::statistics(const slam::Slam& slam, const StageTimer& time
   json["relocalizations"] = counters.relocalizations;
   json["reprojection_rms_px"] =
       localized_ > 0 ? Json(std::sqrt(squares_px2 / static_cast<double>(localized_))) : none;
-  json["counters"] = toJson(counters);
-  json["counters"]["dropped_late"] = dropped_late;
+  Json others = Json::object();  // than those above
+  slam::forEachCounter(counters, [&](const char* name, std::uint64_t value) {
+    if (!json.contains(name)) others[name] = value;
+  });
+  others["dropped_late"] = dropped_late;
+  json["counters"] = std::move(others);
   json["timing"] = timer.json();
   return json.dump(2) + "\n";
 }

@@ -2,10 +2,13 @@
 #pragma once
 
 #include <array>
+#include <vector>
 
 #include <Eigen/Core>
 
 namespace waymark::slam {
+
+class CameraModel;
 
 // Corner order everywhere: top-left, top-right, bottom-right, bottom-left of the upright print.
 // The omega of seed 1, Eq. 10, with a covariance for each corner.
@@ -23,6 +26,13 @@ struct MarkerDetection {
     return {T::Zero(), T::Zero(), T::Zero(), T::Zero()};
   }
 };
+
+// `normalised` from `pixels`. False when a corner is outside the lens's range; the detection then
+// stays as it is.
+[[nodiscard]] bool undistortCorners(const CameraModel& camera, MarkerDetection* detection);
+
+// Those of one id stay in their order.
+void sortById(std::vector<MarkerDetection>* detections);
 
 // The corners of a marker of the given size in its own frame, metres: origin at the centre, x
 // right, y up, z out of the print (Eq. 9 with the origin moved to the centre).

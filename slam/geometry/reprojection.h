@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <optional>
 
 #include <Eigen/Core>
 
@@ -43,6 +44,15 @@ struct Projection {
   J_camera << iz, 0.0, -p_c.x() * iz * iz, 0.0, iz, -p_c.y() * iz * iz;
   out->J_point = J_camera * T_w_c.R.transpose();
   return true;
+}
+
+// |W (projection - seen)|^2 of a corner (Eq. 11). Empty when it is not in front of the camera.
+[[nodiscard]] inline std::optional<double> squaredError(
+    const Transform& T_w_c, const Eigen::Vector3d& p_w, const Eigen::Vector2d& seen,
+    const Eigen::Matrix2d& W = Eigen::Matrix2d::Identity()) {
+  Projection projection;
+  if (!projectPoint(T_w_c, p_w, &projection)) return std::nullopt;
+  return (W * (projection.normalised - seen)).squaredNorm();
 }
 
 // d normalised / d delta of T_w_c (Transform::retract), from the point's Jacobian.

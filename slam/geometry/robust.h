@@ -19,7 +19,8 @@ namespace waymark::slam {
 }
 
 // Precondition: not empty. The upper one of two middle values.
-[[nodiscard]] inline double median(std::vector<double> values) {
+template <typename T>
+[[nodiscard]] T median(std::vector<T> values) {
   const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
   std::nth_element(values.begin(), middle, values.end());
   return *middle;

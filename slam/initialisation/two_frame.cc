@@ -43,10 +43,10 @@ double reprojectionError(const MarkerDetection& detection, double size_m, const 
   double error = 0.0;
   const auto corners = markerCorners(size_m);
   for (std::size_t k = 0; k < 4; ++k) {
-    Projection projection;
-    if (!projectPoint(Transform{}, T_c_m * corners[k], &projection)) return kBehind;
-    const Eigen::Matrix2d W = whitening(detection.covariance[k]);
-    error += (W * (projection.normalised - detection.normalised[k])).squaredNorm();
+    const auto squared = squaredError(Transform{}, T_c_m * corners[k], detection.normalised[k],
+                                      whitening(detection.covariance[k]));
+    if (!squared) return kBehind;
+    error += *squared;
   }
   return std::min(error, kBehind);
 }
@@ -154,9 +154,7 @@ std::vector<InitialMarker> markerPoses(const std::vector<CommonMarker>& common,
 double meanCornerVariance(const std::vector<CommonMarker>& common) {
   double variance = 0.0;
   for (const CommonMarker& m : common) {
-    for (std::size_t k = 0; k < 4; ++k) {
-      variance += (m.seen[0]->covariance[k] + m.seen[1]->covariance[k]).trace() / 16.0;
-    }
+    variance += 0.5 * (cornerVariance(*m.seen[0]) + cornerVariance(*m.seen[1]));
   }
   return variance / static_cast<double>(common.size());
 }

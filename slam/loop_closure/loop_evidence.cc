@@ -1,6 +1,5 @@
 #include "slam/loop_closure/loop_evidence.h"
 
-#include <algorithm>
 #include <utility>
 
 namespace waymark::slam {
@@ -28,8 +27,7 @@ LoopFrame loopEvidence(Keyframe frame, KeyframeId reference, std::span<const Kno
       evidence.expected.push_back(loop[0].T_w_m * T_c_m.inverse());
     }
   }
-  std::sort(evidence.frame.detections.begin(), evidence.frame.detections.end(),
-            [](const MarkerDetection& a, const MarkerDetection& b) { return a.id < b.id; });
+  sortById(&evidence.frame.detections);
   return evidence;
 }
 

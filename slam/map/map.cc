@@ -14,18 +14,6 @@ void sortUnique(std::vector<T>* values) {
   values->erase(std::unique(values->begin(), values->end()), values->end());
 }
 
-// False when a corner is outside the lens's range; the detection then stays as it is.
-bool undistort(const CameraModel& camera, MarkerDetection* detection) {
-  std::array<Eigen::Vector2d, 4> normalised = detection->normalised;
-  for (std::size_t k = 0; k < 4; ++k) {
-    const auto corner = camera.undistort(detection->pixels[k]);
-    if (!corner) return false;
-    normalised[k] = *corner;
-  }
-  detection->normalised = normalised;
-  return true;
-}
-
 }  // namespace
 
 std::array<Eigen::Vector3d, 4> MapMarker::cornersInWorld() const {
@@ -96,8 +84,7 @@ MapMarker& Map::addMarker(int marker_id, double size_m) {
 KeyframeId Map::addKeyframe(Keyframe keyframe) {
   keyframe.id = std::max(keyframe.id, next_keyframe_);
   next_keyframe_ = keyframe.id + 1;
-  std::sort(keyframe.detections.begin(), keyframe.detections.end(),
-            [](const MarkerDetection& a, const MarkerDetection& b) { return a.id < b.id; });
+  sortById(&keyframe.detections);
   for (const MarkerDetection& detection : keyframe.detections) {
     views_[detection.id].push_back(keyframe.id);
   }
@@ -148,16 +135,11 @@ void Map::undistortAgain(const CameraModel& camera, double readout_s) {
   for (auto& [id, keyframe] : keyframes_) {
     std::vector<int> unseen;
     for (MarkerDetection& detection : keyframe.detections) {
-      if (!undistort(camera, &detection)) {
-        unseen.push_back(detection.id);
-        continue;
-      }
-      if (readout_s == 0.0) continue;
       const MapMarker& marker = markers_.at(detection.id);
-      const auto known =
-          marker.T_w_m ? depthFromPose(keyframe.T_w_c, *marker.T_w_m, marker.size_m) : std::nullopt;
-      const auto depth_m = known ? *known : depthFromSize(detection, marker.size_m);
-      detection = atMidFrame(detection, camera, keyframe.twist, depth_m, readout_s);
+      const auto again = deskewed(detection, camera, keyframe.T_w_c, keyframe.twist, marker.T_w_m,
+                                  marker.size_m, readout_s);
+      if (again) detection = *again;
+      if (!again) unseen.push_back(detection.id);
     }
     const KeyframeId only[] = {id};
     for (const int marker_id : unseen) removeViews(marker_id, only);

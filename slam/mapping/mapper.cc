@@ -3,20 +3,11 @@
 #include <algorithm>
 #include <vector>
 
-#include "slam/geometry/robust.h"
 #include "slam/optimisation/map_optimiser.h"
+#include "slam/tracking/known_marker.h"
 
 namespace waymark::slam {
 namespace {
-
-double medianDepth(const Map& map, const Keyframe& frame) {
-  std::vector<double> depths;
-  for (const MarkerDetection& detection : frame.detections) {
-    const MapMarker* marker = map.findPosed(detection.id);
-    if (marker != nullptr) depths.push_back((marker->T_w_m->p - frame.T_w_c.p).norm());
-  }
-  return depths.empty() ? 0.0 : median(std::move(depths));
-}
 
 void pose(MapMarker* marker, const Transform& T_w_m, const std::optional<Transform>& other) {
   marker->state = MarkerState::kMapped;
@@ -46,8 +37,10 @@ Transform Mapper::begin(const Start& start, Map* map, Counters* counters) {
 std::optional<Transform> Mapper::update(const Keyframe& frame, bool force, Map* map,
                                         Counters* counters) {
   const std::vector<InitialMarker> unambiguous = unambiguousNewMarkers(frame, *map);
-  if (!force && keyframeReason(*map, frame.detections, frame.T_w_c, medianDepth(*map, frame),
-                               !unambiguous.empty(), options_.keyframes) == KeyframeReason::kNone) {
+  const double depth_m =
+      medianDepth(knownMarkers(*map, frame.detections), frame.T_w_c).value_or(0.0);
+  if (!force && keyframeReason(*map, frame.detections, frame.T_w_c, depth_m, !unambiguous.empty(),
+                               options_.keyframes) == KeyframeReason::kNone) {
     return std::nullopt;
   }
   for (const MarkerDetection& detection : frame.detections) {

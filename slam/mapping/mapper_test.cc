@@ -41,6 +41,15 @@ class MapperTest : public ::testing::Test {
     return mapper;
   }
 
+  // As the marker watch does.
+  static void quarantine(int id, Map* map) {
+    MapMarker& marker = map->addMarker(id, kSize);
+    marker.state = MarkerState::kQuarantined;
+    marker.T_w_m.reset();
+    marker.other_T_w_m.reset();
+    map->removeViews(id, map->viewsOf(id));
+  }
+
   [[nodiscard]] const Transform& truth(int id) const {
     return markers_[static_cast<std::size_t>(id)].T_w_m;
   }
@@ -166,11 +175,7 @@ TEST_F(MapperTest, AFlippedHypothesisIsMended) {
 TEST_F(MapperTest, AQuarantinedMarkerNeedsSeveralViews) {
   Map map;
   Mapper mapper = begun(&map);
-  MapMarker& marker = map.addMarker(5, kSize);
-  marker.state = MarkerState::kQuarantined;
-  marker.T_w_m.reset();
-  marker.other_T_w_m.reset();
-  map.removeViews(5, map.viewsOf(5));
+  quarantine(5, &map);
   const int needed = MarkerResolverOptions{}.min_views;
   for (int i = 1; i < needed; ++i) {
     const Keyframe keyframe = frame(i);
@@ -192,11 +197,7 @@ TEST_F(MapperTest, AQuarantinedMarkerNeedsSeveralViews) {
 TEST_F(MapperTest, ViewsFromBeforeAMoveAreLetGo) {
   Map map;
   Mapper mapper = begun(&map);
-  MapMarker& marker = map.addMarker(5, kSize);
-  marker.state = MarkerState::kQuarantined;
-  marker.T_w_m.reset();
-  marker.other_T_w_m.reset();
-  map.removeViews(5, map.viewsOf(5));
+  quarantine(5, &map);
   for (int i = 1; i < 3; ++i) (void)mapper.update(frame(i), true, &map, &counters_);
   markers_[5].T_w_m.p += Eigen::Vector3d(0.12, 0.0, 0.1);
   for (int i = 3; i < 10; ++i) {

@@ -63,15 +63,10 @@ std::vector<Candidate> proposePoses(std::span<const MarkerView> views, double si
   return candidates;
 }
 
-// Of a corner's coordinate, normalised.
 double meanCornerVariance(std::span<const MarkerView> views) {
   double variance = 0.0;
-  for (const MarkerView& view : views) {
-    for (const Eigen::Matrix2d& covariance : view.detection->covariance) {
-      variance += covariance.trace() / (8.0 * static_cast<double>(views.size()));
-    }
-  }
-  return variance;
+  for (const MarkerView& view : views) variance += cornerVariance(*view.detection);
+  return variance / static_cast<double>(views.size());
 }
 
 }  // namespace

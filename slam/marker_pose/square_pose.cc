@@ -113,11 +113,7 @@ std::optional<SquarePose> estimateSquarePose(const MarkerDetection& detection, d
   if (!rotations) return std::nullopt;
 
   std::array<Eigen::Matrix2d, 4> W;
-  double corner_variance = 0.0;
-  for (std::size_t i = 0; i < 4; ++i) {
-    W[i] = whitening(detection.covariance[i]);
-    corner_variance += detection.covariance[i].trace() / 8.0;
-  }
+  for (std::size_t i = 0; i < 4; ++i) W[i] = whitening(detection.covariance[i]);
   const std::array<Eigen::Vector3d, 4> corners = markerCorners(size_m);
   std::array<Transform, 2> starts;
   std::array<MinimisedPose, 2> refined;
@@ -140,7 +136,7 @@ std::optional<SquarePose> estimateSquarePose(const MarkerDetection& detection, d
     pose.T_c_m[1] = starts[other];
     pose.error[1] = std::max(pose.error[0], refined[other].start_cost);
   }
-  const double floor = comparisonFloor(corner_variance, focal_px, 1, options);
+  const double floor = comparisonFloor(cornerVariance(detection), focal_px, 1, options);
   pose.ratio = (pose.error[1] + floor) / (pose.error[0] + floor);
   return pose;
 }

@@ -33,6 +33,15 @@ struct SquarePose {
   [[nodiscard]] bool unambiguous(double tau_e) const { return ratio > tau_e; }
 };
 
+// Mean variance of a detection's corner coordinates, normalised.
+[[nodiscard]] inline double cornerVariance(const MarkerDetection& detection) {
+  double variance = 0.0;
+  for (const Eigen::Matrix2d& covariance : detection.covariance) {
+    variance += covariance.trace() / 8.0;
+  }
+  return variance;
+}
+
 // What is added to the squared whitened errors of `views` views of a marker before two hypotheses
 // are compared; see SquarePoseOptions. corner_variance: mean variance of a corner coordinate,
 // normalised.

@@ -26,8 +26,7 @@ std::vector<MarkerDetection> MarkerWatch::screen(std::span<const MarkerDetection
   std::vector<MarkerDetection> usable;
   std::copy_if(detections.begin(), detections.end(), std::back_inserter(usable),
                [&](const MarkerDetection& d) { return !markers_.isIgnored(d.id); });
-  std::stable_sort(usable.begin(), usable.end(),
-                   [](const MarkerDetection& a, const MarkerDetection& b) { return a.id < b.id; });
+  sortById(&usable);
   std::vector<int> doubled;
   for (std::size_t i = 1; i < usable.size(); ++i) {
     const int id = usable[i].id;

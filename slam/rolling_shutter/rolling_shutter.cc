@@ -18,11 +18,9 @@ MarkerDetection atMidFrame(const MarkerDetection& seen, const CameraModel& camer
                            double readout_s) {
   MarkerDetection corrected = seen;
   for (std::size_t k = 0; k < 4; ++k) {
-    const auto normalised = camera.undistort(seen.pixels[k]);
-    if (!normalised) return seen;  // recorded corners outside the lens were dropped before
     const double late_s = readout_s * rowTime(seen.pixels[k].y(), camera.height());
-    const Eigen::Vector3d p_c = depth_m[k] * normalised->homogeneous();
-    corrected.normalised[k] = *normalised - late_s * imageVelocity(p_c, twist);
+    const Eigen::Vector3d p_c = depth_m[k] * seen.normalised[k].homogeneous();
+    corrected.normalised[k] -= late_s * imageVelocity(p_c, twist);
   }
   return corrected;
 }
@@ -47,6 +45,18 @@ std::optional<std::array<double, 4>> depthFromPose(const Transform& T_w_c, const
     if (depth_m[k] < kNearestDepth) return std::nullopt;
   }
   return depth_m;
+}
+
+std::optional<MarkerDetection> deskewed(const MarkerDetection& seen, const CameraModel& camera,
+                                        const Transform& T_w_c, const Twist& twist,
+                                        const std::optional<Transform>& T_w_m, double size_m,
+                                        double readout_s) {
+  MarkerDetection undistorted = seen;
+  if (!undistortCorners(camera, &undistorted)) return std::nullopt;
+  if (readout_s == 0.0) return undistorted;
+  const auto known = T_w_m ? depthFromPose(T_w_c, *T_w_m, size_m) : std::nullopt;
+  const auto depth_m = known ? *known : depthFromSize(undistorted, size_m);
+  return atMidFrame(undistorted, camera, twist, depth_m, readout_s);
 }
 
 bool believable(double estimated_s, double sigma_s, double in_use_s,

@@ -25,8 +25,8 @@ using Twist = Vector6d;
   return row_px / (height_px - 1) - 0.5;
 }
 
-// The detection with `normalised` as at the middle row's time; `pixels` stay as they were seen.
-// depth_m: of each corner.
+// The detection with `normalised`, given as seen, as at the middle row's time. depth_m: of each
+// corner.
 [[nodiscard]] MarkerDetection atMidFrame(const MarkerDetection& seen, const CameraModel& camera,
                                          const Twist& twist, const std::array<double, 4>& depth_m,
                                          double readout_s);
@@ -37,6 +37,15 @@ using Twist = Vector6d;
 [[nodiscard]] std::optional<std::array<double, 4>> depthFromPose(const Transform& T_w_c,
                                                                  const Transform& T_w_m,
                                                                  double size_m);
+
+// The detection as a global shutter would have shown it: `normalised` follows from the pixels,
+// which stay as they were seen. T_w_m: the marker's pose, where the map knows it. Empty when a
+// corner is outside the lens's range.
+[[nodiscard]] std::optional<MarkerDetection> deskewed(const MarkerDetection& seen,
+                                                      const CameraModel& camera,
+                                                      const Transform& T_w_c, const Twist& twist,
+                                                      const std::optional<Transform>& T_w_m,
+                                                      double size_m, double readout_s);
 
 struct RollingShutterOptions {
   // First to last row, seconds: 0 for a global shutter, negative where images are turned upside

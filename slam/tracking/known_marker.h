@@ -2,6 +2,7 @@
 #pragma once
 
 #include <array>
+#include <optional>
 #include <span>
 #include <vector>
 
@@ -21,5 +22,9 @@ struct KnownMarker {
 // Those of the detections that have a pose in the map. The detections must outlive the result.
 [[nodiscard]] std::vector<KnownMarker> knownMarkers(const Map& map,
                                                     std::span<const MarkerDetection> detections);
+
+// How far the markers are from a camera, metres; empty without any.
+[[nodiscard]] std::optional<double> medianDepth(std::span<const KnownMarker> markers,
+                                                const Transform& T_w_c);
 
 }  // namespace waymark::slam

@@ -21,11 +21,6 @@ void MotionModel::correct(const Transform& T_w_c) {
   if (last_) last_->T_w_c = T_w_c;
 }
 
-void MotionModel::reset() {
-  last_.reset();
-  velocity_.setZero();
-}
-
 std::optional<Transform> MotionModel::predict(std::int64_t time_ns) const {
   if (!last_) return std::nullopt;
   const double dt = 1e-9 * static_cast<double>(time_ns - last_->time_ns);

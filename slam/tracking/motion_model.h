@@ -23,7 +23,6 @@ class MotionModel {
   void update(const Transform& T_w_c, std::int64_t time_ns);
   // The map moved under the camera: same instant, new coordinates. The velocity is kept.
   void correct(const Transform& T_w_c);
-  void reset();
 
   // The camera's velocity in its own frame, m/s and rad/s, if it is at T_w_c now; empty without a
   // recent pose.

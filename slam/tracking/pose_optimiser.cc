@@ -71,10 +71,10 @@ class FrameProblem {
   // Squared whitened residual norms of a marker's corners, appended. False behind the camera.
   bool cornerErrors(std::size_t i, const Transform& T_w_c, std::vector<double>* squared) const {
     for (std::size_t k = 0; k < 4; ++k) {
-      Projection projection;
-      if (!projectPoint(T_w_c, markers_[i].corners_w[k], &projection)) return false;
-      const Eigen::Vector2d error = projection.normalised - markers_[i].detection->normalised[k];
-      squared->push_back((whitening_[i][k] * error).squaredNorm());
+      const auto error = squaredError(T_w_c, markers_[i].corners_w[k],
+                                      markers_[i].detection->normalised[k], whitening_[i][k]);
+      if (!error) return false;
+      squared->push_back(*error);
     }
     return true;
   }
@@ -98,20 +98,24 @@ PoseOptimiser::PoseOptimiser(double focal_px, const PoseOptimiserOptions& option
     : focal_px_(focal_px), options_(options) {}
 
 std::optional<double> PoseOptimiser::markerChi2(const KnownMarker& marker, const Transform& T_w_c) {
-  FrameProblem problem;
-  std::vector<double> squared;
-  if (!problem.build({&marker, 1}, T_w_c) || !problem.cornerErrors(0, T_w_c, &squared)) {
-    return std::nullopt;
+  Whitening whitening_of;
+  if (!whiten(marker, T_w_c, &whitening_of)) return std::nullopt;
+  double chi2 = 0.0;
+  for (std::size_t k = 0; k < 4; ++k) {
+    const auto squared =
+        squaredError(T_w_c, marker.corners_w[k], marker.detection->normalised[k], whitening_of[k]);
+    if (!squared) return std::nullopt;
+    chi2 += *squared;
   }
-  return squared[0] + squared[1] + squared[2] + squared[3];
+  return chi2;
 }
 
 double PoseOptimiser::rmsPx(const KnownMarker& marker, const Transform& T_w_c) const {
   double squared = 0.0;
   for (std::size_t k = 0; k < 4; ++k) {
-    Projection projection;
-    if (!projectPoint(T_w_c, marker.corners_w[k], &projection)) return 1e9;  // never an inlier
-    squared += (projection.normalised - marker.detection->normalised[k]).squaredNorm();
+    const auto error = squaredError(T_w_c, marker.corners_w[k], marker.detection->normalised[k]);
+    if (!error) return 1e9;  // never an inlier
+    squared += *error;
   }
   return focal_px_ * std::sqrt(0.25 * squared);
 }
