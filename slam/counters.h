@@ -19,6 +19,7 @@ struct Counters {
   std::uint64_t doubled_markers = 0;      // one id twice in a frame: both left out
   std::uint64_t flipped_markers = 0;      // the second hypothesis turned out to be the right one
   std::uint64_t quarantined_markers = 0;  // moved, or contradicted the map
+  std::uint64_t gated_views = 0;          // too far off for a local optimisation
   std::uint64_t refused_markers = 0;      // printed twice, or moved again and again
 };
 
@@ -38,8 +39,9 @@ void forEachCounter(const Counters& counters, const Use& use) {
   use("doubled_markers", counters.doubled_markers);
   use("flipped_markers", counters.flipped_markers);
   use("quarantined_markers", counters.quarantined_markers);
+  use("gated_views", counters.gated_views);
   use("refused_markers", counters.refused_markers);
-  static_assert(sizeof(Counters) == 14 * sizeof(std::uint64_t), "one is missing here");
+  static_assert(sizeof(Counters) == 15 * sizeof(std::uint64_t), "one is missing here");
 }
 
 }  // namespace waymark::slam

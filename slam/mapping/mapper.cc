@@ -30,7 +30,7 @@ Transform Mapper::begin(const Start& start, Map* map, Counters* counters) {
     pose(&map->marker(marker.id), marker.T_w_m, marker.other_T_w_m);
   }
   fixWorld(map);
-  noise_ = optimiseLocally(map, last, markers_, options_.local_optimisation).noise;
+  optimise(last, map, counters);
   return map->keyframes().at(last).T_w_c;
 }
 
@@ -53,9 +53,16 @@ std::optional<Transform> Mapper::update(const Keyframe& frame, bool force, Map* 
   }
   for (const MarkerDetection& detection : frame.detections) resolve(detection, map, counters);
   fixWorld(map);
-  noise_ = optimiseLocally(map, newest, markers_, options_.local_optimisation).noise;
+  optimise(newest, map, counters);
   (void)cullKeyframes(map, newest, options_.keyframes);
   return map->keyframes().at(newest).T_w_c;
+}
+
+// Section 4.7.
+void Mapper::optimise(KeyframeId newest, Map* map, Counters* counters) {
+  const BundleSummary summary = optimiseLocally(map, newest, markers_, options_.local_optimisation);
+  noise_ = summary.noise;
+  counters->gated_views += static_cast<std::uint64_t>(summary.gated_views);
 }
 
 // Rules 1 and 2a: markers without a pose that this frame alone decides. One in quarantine has to

@@ -40,6 +40,7 @@ class Mapper {
  private:
   [[nodiscard]] std::vector<InitialMarker> unambiguousNewMarkers(const Keyframe& frame,
                                                                  const Map& map) const;
+  void optimise(KeyframeId newest, Map* map, Counters* counters);
   void resolve(const MarkerDetection& detection, Map* map, Counters* counters) const;
   [[nodiscard]] MarkerResolution resolution(int marker_id, int min_views, const Map& map) const;
   void fixWorld(Map* map);
