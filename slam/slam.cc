@@ -42,7 +42,8 @@ class Slam::Impl {
         watch_(options.markers, options.watch),
         readout_s_(options.shutter.readout_s.value_or(options.shutter.learned_s)),
         next_readout_keyframes_(options.shutter.first_keyframes),
-        map_(std::move(map)) {
+        map_(std::move(map)),
+        last_old_keyframe_(map_.keyframes().empty() ? -1 : map_.keyframes().rbegin()->first) {
     map_.dictionary = detector_.dictionary().name();
   }
 
@@ -84,8 +85,10 @@ class Slam::Impl {
 
   void addViews(std::span<const PastFrame> frames) {
     if (!options_.mapping) return;
-    std::map<std::int64_t, KeyframeId> in_map;  // by time
-    for (const auto& [id, keyframe] : map_.keyframes()) in_map[keyframe.monotonic_ns] = id;
+    std::map<std::int64_t, KeyframeId> in_map;  // by time; an old map's keyframes had another clock
+    for (const auto& [id, keyframe] : map_.keyframes()) {
+      if (id > last_old_keyframe_) in_map[keyframe.monotonic_ns] = id;
+    }
     for (const PastFrame& frame : frames) {
       auto view = viewOf(frame);
       if (!view) continue;
@@ -489,6 +492,7 @@ class Slam::Impl {
   double readout_s_;            // of the camera, as given or learned
   int next_readout_keyframes_;  // it is estimated again when the map has so many keyframes
   Map map_;
+  KeyframeId last_old_keyframe_;  // of the map given at the start; -1 for none
   Counters counters_;
   int frames_to_next_attempt_ = 0;  // to close a loop, after one was refused
   int contradicting_marker_ = -1;   // the only marker of that loop; -1 for none
