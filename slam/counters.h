@@ -11,7 +11,7 @@ struct Counters {
   std::uint64_t keyframes_added = 0;
   std::uint64_t relocalizations = 0;
   std::uint64_t loop_closures = 0;        // with a correction of the map
-  std::uint64_t loops_without_drift = 0;  // both ends agreed: nothing to correct
+  std::uint64_t loops_without_drift = 0;  // both ends agreed, and were joined as they were
   std::uint64_t loops_refused = 0;        // tested, and found to contradict the map
   std::uint64_t rejected_markers = 0;     // gated out of a pose because they did not fit
   std::uint64_t rejected_poses = 0;       // a pose was computed and refused

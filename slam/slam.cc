@@ -327,36 +327,44 @@ class Slam::Impl {
     result->map_changed = true;
   }
 
-  // Section 4.9: markers in view that the neighbourhood does not know close a loop. With little
-  // drift both ends agree, and the next keyframe joins them; else the map is corrected.
+  // Section 4.9: markers in view that the neighbourhood does not know close a loop. Where both ends
+  // agree, but are too doubtful for a correction, the next keyframe joins them.
   void closeLoop(Sight* sight, FrameResult* result) {
     const std::vector<KnownMarker>& loop = sight->known.loop;
     if (loop.empty() || !loop_detector_.reference()) return;
-    std::vector<int> agreeing = loopMarkersAt(sight->solution.T_w_c, loop);
-    if (2 * agreeing.size() > loop.size()) {
-      joinLoop(agreeing, sight);
-      ++counters_.loops_without_drift;
-      return;
-    }
-    if (frames_to_next_attempt_ > 0) {
+    const std::vector<int> agreeing = loopMarkersAt(sight->solution.T_w_c, loop);
+    const bool ends_agree = 2 * agreeing.size() > loop.size();
+    if (!ends_agree && frames_to_next_attempt_ > 0) {
       --frames_to_next_attempt_;
       recordContradiction(*sight);
       return;
     }
-    const LoopFrame candidate = evidence(*sight, loop);
-    if (candidate.expected.empty()) return;
-    auto outcome = slam::closeLoop(map_, candidate, options_.markers, options_.loops);
-    if (std::holds_alternative<LoopRefusal>(outcome)) {
+    const std::optional<LoopRefusal> refusal = closeLoopTo(loop, sight, result);
+    if (!refusal) {
+      contradicting_marker_ = -1;
+    } else if (ends_agree) {
+      joinLoop(agreeing, sight);
+      ++counters_.loops_without_drift;
+    } else if (*refusal != LoopRefusal::kNoEvidence) {
       constexpr int kFramesBetweenAttempts = 10;
       frames_to_next_attempt_ = kFramesBetweenAttempts;
       ++counters_.loops_refused;
-      const bool contradicted = std::get<LoopRefusal>(outcome) == LoopRefusal::kContradicted;
+      const bool contradicted = *refusal == LoopRefusal::kContradicted;
       contradicting_marker_ = contradicted && loop.size() == 1 ? loop[0].detection->id : -1;
       recordContradiction(*sight);
-      return;
     }
-    contradicting_marker_ = -1;
+  }
+
+  // Empty when the loop was closed.
+  std::optional<LoopRefusal> closeLoopTo(std::span<const KnownMarker> markers, Sight* sight,
+                                         FrameResult* result) {
+    const LoopFrame candidate =
+        loopEvidence(frameOf(*sight, sight->solution.T_w_c), *loop_detector_.reference(), markers,
+                     tracker_.optimiser(), camera_.focalLength(), options_.tracking.relocalisation);
+    auto outcome = slam::closeLoop(map_, candidate, options_.markers, options_.loops);
+    if (const auto* refusal = std::get_if<LoopRefusal>(&outcome)) return *refusal;
     adopt(std::move(std::get<ClosedLoop>(outcome)), sight, result);
+    return std::nullopt;
   }
 
   void adopt(ClosedLoop closed, Sight* sight, FrameResult* result) {
@@ -399,12 +407,6 @@ class Slam::Impl {
     sight->closes_loop = true;
   }
 
-  [[nodiscard]] LoopFrame evidence(const Sight& sight, std::span<const KnownMarker> loop) const {
-    return loopEvidence(frameOf(sight, sight.solution.T_w_c), *loop_detector_.reference(), loop,
-                        tracker_.optimiser(), camera_.focalLength(),
-                        options_.tracking.relocalisation);
-  }
-
   // One marker that contradicts all others, whose loop was refused for that: it moved, or hangs
   // twice, more likely than they did. The watch hears of every frame, not only of the attempts.
   void recordContradiction(const Sight& sight) {
@@ -422,13 +424,7 @@ class Slam::Impl {
     for (std::size_t i = 0; i < sight->known.eligible.size(); ++i) {
       if (!sight->solution.inlier[i]) misfits.push_back(sight->known.eligible[i]);
     }
-    if (misfits.empty()) return false;
-    const LoopFrame candidate = evidence(*sight, misfits);
-    if (candidate.expected.empty()) return false;
-    auto outcome = slam::closeLoop(map_, candidate, options_.markers, options_.loops);
-    if (!std::holds_alternative<ClosedLoop>(outcome)) return false;
-    adopt(std::move(std::get<ClosedLoop>(outcome)), sight, result);
-    return true;
+    return !misfits.empty() && !closeLoopTo(misfits, sight, result);
   }
 
   // Sections 4.2 and 4.4 to 4.7, and what the watch has noticed.

@@ -192,6 +192,7 @@ bool isAnother(const ClosedLoop& a, const ClosedLoop& b) {
 std::variant<ClosedLoop, LoopRefusal> closeLoop(const Map& map, const LoopFrame& loop,
                                                 const MarkerOptions& markers,
                                                 const LoopOptions& options) {
+  if (loop.expected.empty()) return LoopRefusal::kNoEvidence;
   const Reference before = referenceOf(map, options.optimisation);
   const double allowed = allowedGrowth(before, loop.loop_markers.size(), options);
   std::optional<Candidate> best;

@@ -51,6 +51,7 @@ struct ClosedLoop {
 };
 
 enum class LoopRefusal {
+  kNoEvidence,    // the loop's markers do not say where the frame is
   kContradicted,  // the corrected map does not fit what was seen
   kAmbiguous,     // both candidates fit about equally well
 };

@@ -224,6 +224,15 @@ TEST_F(LoopCloserTest, RefusesASecondPrint) {
 
 // Keyframes that see nothing any more (their markers are in quarantine) are no hindrance, and the
 // second hypothesis of a marker moves along with the first.
+TEST_F(LoopCloserTest, RefusesWhatSaysNothing) {
+  const Map map = openMap(24, 0.05);
+  LoopFrame loop = loopFrame(map, see(testing::roomView(345.0 * kDegree), 0.05));
+  loop.expected.clear();
+  const auto outcome = closeLoop(map, loop, options_, LoopOptions{});
+  ASSERT_TRUE(std::holds_alternative<LoopRefusal>(outcome));
+  EXPECT_EQ(std::get<LoopRefusal>(outcome), LoopRefusal::kNoEvidence);
+}
+
 TEST_F(LoopCloserTest, EmptyKeyframesAndSecondHypotheses) {
   Map map = openMap(24, 0.05);
   bend(drift_, &map);
