@@ -55,7 +55,8 @@ std::optional<MarkerDetection> deskewed(const MarkerDetection& seen, const Camer
   if (!undistortCorners(camera, &undistorted)) return std::nullopt;
   if (readout_s == 0.0) return undistorted;
   const auto known = T_w_m ? depthFromPose(T_w_c, *T_w_m, size_m) : std::nullopt;
-  const auto depth_m = known ? *known : depthFromSize(undistorted, size_m);
+  // Corrected before, if only with a predicted velocity, the corners tell the size better.
+  const auto depth_m = known ? *known : depthFromSize(seen, size_m);
   return atMidFrame(undistorted, camera, twist, depth_m, readout_s);
 }
 
