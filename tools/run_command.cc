@@ -146,10 +146,12 @@ void optimiseGlobally(const RunArguments& arguments, slam::Slam* slam, RunRecord
   if (arguments.no_global) return;
   // More are hardly better: neighbouring frames see the same.
   constexpr std::size_t kViews = 240;
+  // ... but a marker that was seen for a moment only needs all of them.
+  constexpr std::size_t kViewsPerMarker = 20;
   // What did not fit the map as it was live may fit the better one.
   constexpr int kRounds = 2;
   for (int round = 0; round < kRounds; ++round) {
-    slam->addViews(record->spreadFrames(kViews));
+    slam->addViews(record->spreadFrames(kViews, kViewsPerMarker));
     if (arguments.refine_intrinsics) {
       slam->optimiseGloballyWithIntrinsics();
       record->undistortAgain(slam->camera());

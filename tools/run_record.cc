@@ -2,6 +2,8 @@
 
 #include <algorithm>
 #include <cmath>
+#include <map>
+#include <numeric>
 #include <utility>
 
 #include <nlohmann/json.hpp>
@@ -91,21 +93,44 @@ std::vector<io::RecordedFrame> RunRecord::recordedFrames() const {
   return recorded;
 }
 
-std::vector<slam::PastFrame> RunRecord::spreadFrames(std::size_t count) const {
-  std::vector<slam::PastFrame> spread;
-  const std::size_t wanted = std::min(count, frames_.size());
+std::vector<bool> RunRecord::spread(std::size_t count, std::size_t views_per_marker) const {
+  std::vector<bool> chosen(frames_.size(), false);
+  const auto chooseEvenly = [&chosen](const std::vector<std::size_t>& from, std::size_t wanted) {
+    for (std::size_t k = 0; k < std::min(wanted, from.size()); ++k) {
+      chosen[from[k * from.size() / std::min(wanted, from.size())]] = true;
+    }
+  };
+  std::vector<std::size_t> all(frames_.size());
+  std::iota(all.begin(), all.end(), std::size_t{0});
+  chooseEvenly(all, count);
+  std::map<int, std::vector<std::size_t>> seen_in;  // frames by marker
+  for (const std::size_t i : all) {
+    for (const auto& detection : frames_[i].detections) seen_in[detection.id].push_back(i);
+  }
+  for (const auto& [id, frames] : seen_in) {
+    const auto views = static_cast<std::size_t>(
+        std::count_if(frames.begin(), frames.end(), [&](std::size_t i) { return chosen[i]; }));
+    if (views < views_per_marker) chooseEvenly(frames, views_per_marker);
+  }
+  return chosen;
+}
+
+std::vector<slam::PastFrame> RunRecord::spreadFrames(std::size_t count,
+                                                     std::size_t views_per_marker) const {
+  std::vector<slam::PastFrame> frames;
   std::optional<slam::PoseEstimate> near = firstPose();
-  for (std::size_t i = 0; i < frames_.size() && near; ++i) {
+  if (!near) return frames;
+  const std::vector<bool> chosen = spread(count, views_per_marker);
+  for (std::size_t i = 0; i < frames_.size(); ++i) {
     const FrameRecord& frame = frames_[i];
     if (frame.pose) near = frame.pose;
-    // The k-th is taken when k * frames / wanted frames have passed.
-    if (spread.size() * frames_.size() > i * wanted) continue;
-    spread.push_back({{.sequence = i, .monotonic_ns = frame.time_ns},
+    if (!chosen[i]) continue;
+    frames.push_back({{.sequence = i, .monotonic_ns = frame.time_ns},
                       frame.detections,
                       near->T_w_c,
                       frame.pose ? frame.pose->twist : slam::Vector6d::Zero()});
   }
-  return spread;
+  return frames;
 }
 
 std::string RunRecord::statistics(const slam::Slam& slam, const StageTimer& timer,

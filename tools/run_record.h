@@ -35,10 +35,12 @@ class RunRecord {
   [[nodiscard]] io::Trajectory liveTrajectory() const;
   // Every frame's pose against the map as it is now.
   [[nodiscard]] io::Trajectory finalTrajectory(const slam::Slam& slam) const;
-  // At most `count` frames, evenly spread, for the optimisation at the end; one that had no pose
-  // live comes with the pose of the last one before it that had (or, in front of the first, of
-  // that). They point into this record. Empty when no frame had a pose.
-  [[nodiscard]] std::vector<slam::PastFrame> spreadFrames(std::size_t count) const;
+  // For the optimisation at the end: `count` frames, evenly spread, and more of those that show a
+  // marker with fewer than `views_per_marker` among them. One that had no pose live comes with the
+  // pose of the last one before it that had (or, in front of the first, of that). They point into
+  // this record. Empty when no frame had a pose.
+  [[nodiscard]] std::vector<slam::PastFrame> spreadFrames(std::size_t count,
+                                                          std::size_t views_per_marker) const;
   // Every frame's detections, for replaying them.
   [[nodiscard]] std::vector<io::RecordedFrame> recordedFrames() const;
   // stats.json of the interface.
@@ -47,6 +49,8 @@ class RunRecord {
 
  private:
   [[nodiscard]] std::optional<slam::PoseEstimate> firstPose() const;
+  // Whether each frame is one of spreadFrames().
+  [[nodiscard]] std::vector<bool> spread(std::size_t count, std::size_t views_per_marker) const;
 
   std::vector<FrameRecord> frames_;
   std::size_t localized_ = 0;
