@@ -147,7 +147,7 @@ TEST_F(CaptureLoopTest, ACameraIsOpenedAgainAsOftenAsItFails) {
 
 TEST_F(CaptureLoopTest, StopsWhileTheCameraIsAway) {
   CaptureLoop loop(scripts({{Step::kFrame, Step::kError}}, true), frames_, status_, log_,
-                   {.first_pause = milliseconds(1), .longest_pause = milliseconds(60'000)});
+                   {.first_pause = milliseconds(60'000), .longest_pause = milliseconds(60'000)});
   std::thread consumer([this] { consume(); });
   std::thread capture([&] { loop.run(); });
   while (status_.latest().state != CameraState::kLost) std::this_thread::yield();

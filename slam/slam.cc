@@ -301,9 +301,10 @@ class Slam::Impl {
         ++counters_.rejected_markers;
       }
       // A frame may be stricter than the map is sure of itself.
-      const bool fits = sight->solution.inlier[i] || fitsTheMap(known[i], sight->solution.T_w_c);
-      if (fits || others_agree) {
-        watch_.record(known[i].detection->id, fits, sight->time.monotonic_ns);
+      const bool agrees =
+          sight->solution.inlier[i] || fits(known[i], sight->solution.T_w_c, mapper_.noise());
+      if (agrees || others_agree) {
+        watch_.record(known[i].detection->id, agrees, sight->time.monotonic_ns);
       }
     }
     sortById(&sight->fitting);
@@ -328,12 +329,20 @@ class Slam::Impl {
   }
 
   // Section 4.9: markers in view that the neighbourhood does not know close a loop. Where both ends
-  // agree, but are too doubtful for a correction, the next keyframe joins them.
+  // agree as well as corners can tell, there is nothing to correct, and the next keyframe joins
+  // them; also where they agree as well as the map agrees with itself, and a correction is refused.
   void closeLoop(Sight* sight, FrameResult* result) {
     const std::vector<KnownMarker>& loop = sight->known.loop;
     if (loop.empty() || !loop_detector_.reference()) return;
-    const std::vector<int> agreeing = loopMarkersAt(sight->solution.T_w_c, loop);
+    const auto fittingWithin = [&](double noise) {
+      return fittingMarkers(loop, sight->solution.T_w_c, noise);
+    };
+    const std::vector<int> agreeing = fittingWithin(mapper_.noise());
     const bool ends_agree = 2 * agreeing.size() > loop.size();
+    if (2 * fittingWithin(1.0).size() > loop.size()) {
+      joinLoop(agreeing, sight);
+      return;
+    }
     if (!ends_agree && frames_to_next_attempt_ > 0) {
       --frames_to_next_attempt_;
       recordContradiction(*sight);
@@ -344,7 +353,6 @@ class Slam::Impl {
       contradicting_marker_ = -1;
     } else if (ends_agree) {
       joinLoop(agreeing, sight);
-      ++counters_.loops_without_drift;
     } else if (*refusal != LoopRefusal::kNoEvidence) {
       constexpr int kFramesBetweenAttempts = 10;
       frames_to_next_attempt_ = kFramesBetweenAttempts;
@@ -378,33 +386,33 @@ class Slam::Impl {
     result->map_changed = result->keyframe_added = true;
   }
 
-  // Whether a pose explains the marker, given how well the map explains its own keyframes.
-  [[nodiscard]] bool fitsTheMap(const KnownMarker& marker, const Transform& T_w_c) const {
-    const double worst = options_.tracking.pose.marker_chi2 * mapper_.noise() * mapper_.noise();
+  // Whether a pose explains the marker; noise: of the residuals, in units of the corners' own.
+  [[nodiscard]] bool fits(const KnownMarker& marker, const Transform& T_w_c, double noise) const {
     const auto chi2 = PoseOptimiser::markerChi2(marker, T_w_c);
-    return chi2 && *chi2 <= worst;
+    return chi2 && *chi2 <= options_.tracking.pose.marker_chi2 * noise * noise;
   }
 
-  // Ids of the loop markers that a pose explains.
-  [[nodiscard]] std::vector<int> loopMarkersAt(const Transform& T_w_c,
-                                               std::span<const KnownMarker> loop) const {
-    std::vector<int> agreeing;
-    for (const KnownMarker& marker : loop) {
-      if (fitsTheMap(marker, T_w_c)) agreeing.push_back(marker.detection->id);
+  // Ids of the markers that a pose explains.
+  [[nodiscard]] std::vector<int> fittingMarkers(std::span<const KnownMarker> markers,
+                                                const Transform& T_w_c, double noise) const {
+    std::vector<int> fitting;
+    for (const KnownMarker& marker : markers) {
+      if (fits(marker, T_w_c, noise)) fitting.push_back(marker.detection->id);
     }
-    return agreeing;
+    return fitting;
   }
 
   void joinLoop(const std::vector<int>& agreeing, Sight* sight) {
     for (const KnownMarker& marker : sight->known.loop) {
       const int id = marker.detection->id;
-      const bool fits = std::binary_search(agreeing.begin(), agreeing.end(), id);
-      watch_.record(id, fits, sight->time.monotonic_ns);
-      if (fits) sight->fitting.push_back(*marker.detection);
-      if (!fits) ++counters_.rejected_markers;
+      const bool agrees = std::binary_search(agreeing.begin(), agreeing.end(), id);
+      watch_.record(id, agrees, sight->time.monotonic_ns);
+      if (agrees) sight->fitting.push_back(*marker.detection);
+      if (!agrees) ++counters_.rejected_markers;
     }
     sortById(&sight->fitting);
     sight->closes_loop = true;
+    ++counters_.loops_without_drift;
   }
 
   // One marker that contradicts all others, whose loop was refused for that: it moved, or hangs

@@ -86,8 +86,8 @@ class Map {
   // before it (a map read from a file).
   KeyframeId addKeyframe(Keyframe keyframe);
   void removeKeyframe(KeyframeId id);
-  // One more detection of a keyframe. Preconditions: the keyframe exists and does not see the marker
-  // yet; the marker is known.
+  // One more detection of a keyframe. Preconditions: the keyframe exists and does not see the
+  // marker yet; the marker is known.
   void addView(KeyframeId id, const MarkerDetection& detection);
   // The marker's detections leave these keyframes; a keyframe that sees nothing any more stays.
   void removeViews(int marker_id, std::span<const KeyframeId> keyframes);
