@@ -317,13 +317,15 @@ class Slam::Impl {
     const int keyframes = static_cast<int>(map_.keyframes().size());
     if (shutter.readout_s || keyframes < next_readout_keyframes_) return;
     next_readout_keyframes_ = static_cast<int>(shutter.growth * keyframes) + 1;
-    Map optimised = map_;
-    const auto found = optimiseWithReadout(&optimised, options_.markers, readout_s_, camera_,
-                                           options_.loops.optimisation);
+    // While the shutter is not known well, the views that speak loudest of it fit worst.
+    BundleOptions ungated = options_.loops.optimisation;
+    ungated.view_chi2 = 0.0;
+    const auto found = estimateReadout(map_, options_.markers, readout_s_, camera_,
+                                       shutter.most_keyframes, ungated);
     if (!found || !believable(found->readout_s, found->sigma_s, readout_s_, shutter)) return;
     readout_s_ = found->readout_s;
-    map_ = std::move(optimised);
     map_.undistortAgain(camera_, readout_s_);
+    (void)slam::optimiseGlobally(&map_, options_.markers, ungated);
     moveTo(map_.keyframes().rbegin()->second.T_w_c, result);
     result->map_changed = true;
   }

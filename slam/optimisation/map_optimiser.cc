@@ -45,8 +45,6 @@ class MapProblem {
     problem.shutter = std::move(shutter);
   }
 
-  std::optional<double> readoutSigma_s;  // after optimise()
-
   BundleSummary optimise(Map* map, const BundleOptions& options) {
     BundleAdjuster adjuster(std::move(problem), options);
     while (adjuster.step()) {
@@ -60,7 +58,6 @@ class MapProblem {
       marker.T_w_m = problem.markers[static_cast<std::size_t>(index)].T;
       marker.covariance = adjuster.markerCovariance(index);
     }
-    if (problem.shutter) readoutSigma_s = adjuster.readoutSigma_s();
     return adjuster.summary();
   }
 
@@ -124,6 +121,19 @@ MapProblem wholeMap(const Map& map, const MarkerOptions& markers) {
   return {map, roles, ids, markers};
 }
 
+// The newest keyframes and what they see; the oldest of them holds the gauge.
+MapProblem newestPart(const Map& map, int keyframes, const MarkerOptions& markers) {
+  KeyframeRoles roles;
+  std::vector<KeyframeId> ids;
+  for (auto it = map.keyframes().rbegin(); it != map.keyframes().rend(); ++it) {
+    if (static_cast<int>(ids.size()) == keyframes) break;
+    ids.push_back(it->first);
+    roles[it->first] = false;
+  }
+  roles[ids.back()] = true;
+  return {map, roles, map.markersSeenFrom(ids), markers};
+}
+
 }  // namespace
 
 IntrinsicVector IntrinsicPriors::sigmas() const {
@@ -163,17 +173,17 @@ BundleSummary optimiseGloballyWithIntrinsics(Map* map, const MarkerOptions& mark
   return summary;
 }
 
-std::optional<ReadoutEstimate> optimiseWithReadout(Map* map, const MarkerOptions& markers,
-                                                   double readout_s, const CameraModel& camera,
-                                                   const BundleOptions& options) {
-  MapProblem whole = wholeMap(*map, markers);
-  whole.freeReadout(*map, readout_s, camera);
-  // No gate: while the shutter is unknown, the views that speak loudest of it fit worst.
-  BundleOptions ungated = options;
-  ungated.view_chi2 = 0.0;
-  const BundleSummary summary = whole.optimise(map, ungated);
-  if (summary.failed || !whole.readoutSigma_s) return std::nullopt;
-  return ReadoutEstimate{whole.problem.shutter->readout_s, *whole.readoutSigma_s};
+std::optional<ReadoutEstimate> estimateReadout(const Map& map, const MarkerOptions& markers,
+                                               double readout_s, const CameraModel& camera,
+                                               int keyframes, const BundleOptions& options) {
+  MapProblem newest = newestPart(map, keyframes, markers);
+  newest.freeReadout(map, readout_s, camera);
+  BundleAdjuster adjuster(std::move(newest.problem), options);
+  while (adjuster.step()) {
+  }
+  const std::optional<double> sigma_s = adjuster.readoutSigma_s();
+  if (adjuster.summary().failed || !sigma_s) return std::nullopt;
+  return ReadoutEstimate{adjuster.problem().shutter->readout_s, *sigma_s};
 }
 
 double MapFit::cost(double huber) const {

@@ -36,19 +36,17 @@ BundleSummary optimiseGloballyWithIntrinsics(Map* map, const MarkerOptions& mark
                                              const IntrinsicPriors& priors, double readout_s,
                                              const BundleOptions& options, CameraModel* camera);
 
-// The readout time among the unknowns: what it most likely is, given all keyframes, and how well
-// that is known. The map's corners are corrected with readout_s.
+// The readout time among the unknowns: what it most likely is, given the newest keyframes, and how
+// well that is known.
 struct ReadoutEstimate {
   double readout_s = 0.0;
   double sigma_s = 0.0;
 };
-// The poses of *map are optimised along with it. Empty when nothing in the map depends on it (a
-// camera that hardly moved).
-[[nodiscard]] std::optional<ReadoutEstimate> optimiseWithReadout(Map* map,
-                                                                 const MarkerOptions& markers,
-                                                                 double readout_s,
-                                                                 const CameraModel& camera,
-                                                                 const BundleOptions& options);
+// The map's corners are corrected with readout_s; the map stays as it is. keyframes: how many take
+// part at most. Empty when nothing in them depends on it (a camera that hardly moved).
+[[nodiscard]] std::optional<ReadoutEstimate> estimateReadout(
+    const Map& map, const MarkerOptions& markers, double readout_s, const CameraModel& camera,
+    int keyframes, const BundleOptions& options);
 
 // How well the posed markers explain what keyframes saw.
 struct MapFit {

@@ -1,7 +1,7 @@
 // Rolling shutters: the rows of an image are read one after the other, so a moving camera sees each
 // marker at a time of its own. Corners are moved to where the middle row's time would have shown
-// them. The readout time itself is learned: it is one more unknown of the optimisation of the whole
-// map (map_optimiser.h). Beyond seed 1, which takes every camera for a global shutter.
+// them. The readout time itself is learned: it is one more unknown of an optimisation of the
+// newest keyframes (map_optimiser.h). Beyond seed 1, which takes every camera for a global shutter.
 #pragma once
 
 #include <array>
@@ -59,9 +59,11 @@ struct RollingShutterOptions {
   double least_sigmas = 8.0;
   double longest_s = 0.1;
   // It is estimated when the map has this many keyframes, and again whenever it has grown by the
-  // factor; each time costs an optimisation of the whole map.
+  // factor, from the newest ones of them, at most so many. Each time costs an optimisation of
+  // those; of the whole map, when a new readout time is believed.
   int first_keyframes = 8;
   double growth = 1.4;
+  int most_keyframes = 100;
 };
 
 // Whether an estimate is to be used instead of the readout time in use.

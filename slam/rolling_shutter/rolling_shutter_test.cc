@@ -12,6 +12,7 @@ namespace waymark::slam {
 namespace {
 
 constexpr double kSize = 0.12;
+constexpr int kAll = 1000;  // keyframes
 constexpr double kReadout_s = 0.02;
 
 Transform moved(const Transform& T_w_c, const Twist& twist, double seconds) {
@@ -116,22 +117,34 @@ TEST_F(RollingShutterTest, AMarkersSizeTellsItsDepth) {
 
 TEST_F(RollingShutterTest, TheReadoutTimeIsFoundWithTheMap) {
   Map map = mapSeenRolling(0.6, 0.1);
-  const auto found = optimiseWithReadout(&map, options_, 0.0, camera_, bundle_);
+  const auto found = estimateReadout(map, options_, 0.0, camera_, kAll, bundle_);
   ASSERT_TRUE(found);
   EXPECT_NEAR(found->readout_s, kReadout_s, 4.0 * found->sigma_s);
   EXPECT_LT(found->sigma_s, 0.001);
   EXPECT_TRUE(believable(found->readout_s, found->sigma_s, 0.0, {}));
   // Corrected with what was found, nothing is left to find.
   map.undistortAgain(camera_, found->readout_s);
-  const auto again = optimiseWithReadout(&map, options_, found->readout_s, camera_, bundle_);
+  (void)optimiseGlobally(&map, options_, bundle_);
+  const auto again = estimateReadout(map, options_, found->readout_s, camera_, kAll, bundle_);
   ASSERT_TRUE(again);
   EXPECT_NEAR(again->readout_s, found->readout_s, found->sigma_s);
   EXPECT_FALSE(believable(again->readout_s, again->sigma_s, found->readout_s, {}));
 }
 
+// In a large map a part of it has to do.
+TEST_F(RollingShutterTest, TheNewestKeyframesTellTheReadoutTime) {
+  const Map map = mapSeenRolling(0.6, 0.1);
+  const int most = static_cast<int>(map.keyframes().size()) / 2;
+  const auto of_all = estimateReadout(map, options_, 0.0, camera_, kAll, bundle_);
+  const auto of_some = estimateReadout(map, options_, 0.0, camera_, most, bundle_);
+  ASSERT_TRUE(of_all && of_some);
+  EXPECT_NEAR(of_some->readout_s, kReadout_s, 4.0 * of_some->sigma_s);
+  EXPECT_GT(of_some->sigma_s, of_all->sigma_s);
+}
+
 TEST_F(RollingShutterTest, ACameraAtRestDoesNotInventOne) {
-  Map map = mapSeenRolling(0.0, 0.1);
-  const auto found = optimiseWithReadout(&map, options_, 0.0, camera_, bundle_);
+  const Map map = mapSeenRolling(0.0, 0.1);
+  const auto found = estimateReadout(map, options_, 0.0, camera_, kAll, bundle_);
   EXPECT_TRUE(!found || !believable(found->readout_s, found->sigma_s, 0.0, {}));
 }
 
