@@ -87,7 +87,7 @@ reversed_images() {
 
 # measure_recording RECORDING FOLDER KEPT FILE: a real recording. Its map and picture stay in KEPT.
 measure_recording() {
-  local recording=$1 from=$2 kept=$3 file=$4 source extra options=() other
+  local recording=$1 from=$2 kept=$3 file=$4 source extra options=() other map_rms_px
   mapfile -t extra < <(jq -r '.options[]?' <<< "$recording")
   source=$from/$(jq -r .source <<< "$recording")
   if [[ $(jq -r '.reversed // false' <<< "$recording") == true ]]; then
@@ -111,9 +111,10 @@ measure_recording() {
   other=$(jq -r '.same_map_as // empty' <<< "$recording")
   [[ -z $other || ! -f $kept/../$other/map.json ]] ||
     "$waymark" eval --truth-map "$kept/../$other/map.json" --map "$kept/map.json" --json > "$work/other.json"
+  map_rms_px=$("$waymark" map info "$kept/map.json" | awk '$1 == "fit" { print $2 }')
   jq -n --argjson recording "$recording" --argjson made "$(provenance)" \
-    --slurpfile stats "$kept/stats.json" --slurpfile truth "$work/truth.json" \
+    --argjson map_rms_px "${map_rms_px:-null}" --slurpfile stats "$kept/stats.json" --slurpfile truth "$work/truth.json" \
     --slurpfile other "$work/other.json" \
-    '{recording: $recording.name, made: $made, stats: $stats[0], truth: $truth[0],
+    '{recording: $recording.name, made: $made, stats: $stats[0], map_rms_px: $map_rms_px, truth: $truth[0],
       other: $other[0]}' | write_json "$file"
 }

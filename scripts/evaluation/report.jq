@@ -116,16 +116,16 @@ def corner_table:
 
 def recording_missed($t):
   [ (select($t.markers and .stats.markers < $t.markers) | "markers"),
-    (select($t.rms_px and (.stats.reprojection_rms_px // 1e9) >= $t.rms_px) | "RMS"),
+    (select($t.rms_px and (.map_rms_px // 1e9) >= $t.rms_px) | "RMS"),
     (select($t.ace_mm and (.truth.ace_m.mean // 1e9) * 1000 > $t.ace_mm) | "ACE"),
     (select($t.agreement_mm and (.other.ace_m.max // 1e9) * 1000 > $t.agreement_mm) | "agreement") ];
 def recording_table:
-  table(["recording", "frames localised", "markers", "reprojection RMS, px", "ACE, mm: mean / max",
+  table(["recording", "frames localised", "markers", "reprojection RMS, px: live / map", "ACE, mm: mean / max",
          "ACE limit, mm", "ATE final, mm", "map against the other order's, cm: mean / max", "target", "met", "version"];
     [$plan.recordings[] as $plan | first($recordings[] | select(.recording == $plan.name)) // null
       | if . == null then [$plan.name, "not measured"] + [range(9) | ""] else
         [.recording, "\(.stats.localized) of \(.stats.frames)", .stats.markers,
-         (.stats.reprojection_rms_px | digits),
+         "\(.stats.reprojection_rms_px | digits) / \(.map_rms_px // 0 | digits)",
          (if .truth.ace_m then "\(.truth.ace_m.mean | mm) / \(.truth.ace_m.max | mm)" else "" end),
          (if .truth.limit.ace_m then .truth.limit.ace_m.mean | mm else "" end),
          (if .truth.ate_m then .truth.ate_m.mean | mm else "" end),
