@@ -116,7 +116,8 @@ def corner_table:
 
 def recording_missed($t):
   [ (select($t.markers and .stats.markers < $t.markers) | "markers"),
-    (select($t.rms_px and (.map_rms_px // 1e9) >= $t.rms_px) | "RMS"),
+    (select($t.rms_px and .map_rms_px == null) | "RMS not measured"),
+    (select($t.rms_px and .map_rms_px != null and .map_rms_px >= $t.rms_px) | "RMS"),
     (select($t.ace_mm and (.truth.ace_m.mean // 1e9) * 1000 > $t.ace_mm) | "ACE"),
     (select($t.agreement_mm and (.other.ace_m.max // 1e9) * 1000 > $t.agreement_mm) | "agreement") ];
 def recording_table:
@@ -125,7 +126,7 @@ def recording_table:
     [$plan.recordings[] as $plan | first($recordings[] | select(.recording == $plan.name)) // null
       | if . == null then [$plan.name, "not measured"] + [range(9) | ""] else
         [.recording, "\(.stats.localized) of \(.stats.frames)", .stats.markers,
-         "\(.stats.reprojection_rms_px | digits) / \(.map_rms_px // 0 | digits)",
+         "\(.stats.reprojection_rms_px | digits) / \(if .map_rms_px then .map_rms_px | digits else "not measured" end)",
          (if .truth.ace_m then "\(.truth.ace_m.mean | mm) / \(.truth.ace_m.max | mm)" else "" end),
          (if .truth.limit.ace_m then .truth.limit.ace_m.mean | mm else "" end),
          (if .truth.ate_m then .truth.ate_m.mean | mm else "" end),
