@@ -57,7 +57,7 @@ JsonNode JsonNode::at(const char* key) const {
     return {kNothing, place, fault_};
   }
   const auto found = json_->find(key);
-  const JsonNode member(found == json_->end() ? kNothing : *found, place, fault_);
+  JsonNode member(found == json_->end() ? kNothing : *found, place, fault_);
   if (found == json_->end()) member.fail("is missing");
   return member;
 }

@@ -177,13 +177,17 @@ std::string grid(const Projection& project) {
   const double bottom = project.height() - kFooter;
   const Eigen::Vector2d zero = project(Eigen::Vector3d::Zero());
   std::string svg;
-  const auto firstAfter = [step](double edge, double on_line) {
-    return on_line + std::ceil((edge - on_line) / step) * step;
+  // The lines of the grid within [from, to), one of them through `through`.
+  const auto places = [step](double from, double to, double through) {
+    const auto first = std::lround(std::ceil((from - through) / step));
+    std::vector<double> on_lines;
+    for (auto i = first; through + i * step < to; ++i) on_lines.push_back(through + i * step);
+    return on_lines;
   };
-  for (double x = firstAfter(0.0, zero.x()); x < project.width(); x += step) {
+  for (const double x : places(0.0, project.width(), zero.x())) {
     svg += line({x, top}, {x, bottom}, kGrid, 1.0);
   }
-  for (double y = firstAfter(top, zero.y()); y < bottom; y += step) {
+  for (const double y : places(top, bottom, zero.y())) {
     svg += line({0.0, y}, {project.width(), y}, kGrid, 1.0);
   }
   return svg;

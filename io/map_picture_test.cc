@@ -22,7 +22,7 @@ MapPicture sample() {
     for (Eigen::Vector3d& corner : marker.corners) corner.x() += id;
     picture.markers.push_back(marker);
   }
-  for (int i = 0; i < 10; ++i) {
+  for (std::int64_t i = 0; i < 10; ++i) {
     const std::int64_t gap_ns = i >= 5 ? 1'000'000'000 : 0;
     picture.estimate.push_back(
         {i * 10'000'000 + gap_ns, {Eigen::Matrix3d::Identity(), {0.1 * i, 0.3, 0.0}}});

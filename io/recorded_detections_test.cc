@@ -77,8 +77,10 @@ std::vector<RecordedFrame> someFrames(const slam::CameraModel& camera) {
       detection.id = id;
       detection.hamming = id == 8 ? 1 : 0;
       for (std::size_t k = 0; k < 4; ++k) {
-        const Eigen::Vector2d corner(200.0 + 30.0 * id + 60.0 * static_cast<double>(k % 2),
-                                     120.0 + 70.0 * static_cast<double>(k / 2));
+        const std::size_t column = k % 2;
+        const std::size_t row = k / 2;
+        const Eigen::Vector2d corner(200.0 + 30.0 * id + 60.0 * static_cast<double>(column),
+                                     120.0 + 70.0 * static_cast<double>(row));
         detection.normalised[k] = *camera.undistort(corner + Eigen::Vector2d(away(rng), away(rng)));
         detection.pixels[k] = camera.distort(detection.normalised[k]);
         Eigen::Matrix2d root;

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <sstream>
+#include <utility>
 
 // Header-only and without exceptions: errors come back as values.
 #define TOML_EXCEPTIONS 0
@@ -28,7 +29,8 @@ std::string inWords(double value) {
 
 Setting wholeNumber(std::string key, std::int64_t least, std::int64_t most,
                     std::function<void(std::int64_t)> take) {
-  return {std::move(key), [=](const SettingValue& v) -> Objection {
+  return {std::move(key),
+          [least, most, take = std::move(take)](const SettingValue& v) -> Objection {
             const std::optional<std::int64_t> value = v.node.value_exact<std::int64_t>();
             if (!value) return "must be a whole number";
             if (*value < least || *value > most) {
@@ -76,7 +78,7 @@ class SettingsReader {
       const std::string key = prefix + std::string(key_token.str());
       if (const auto setting = std::ranges::find(settings_, key, &Setting::key);
           setting != settings_.end()) {
-        if (const Status read = readSetting(*setting, node); !read) return read;
+        if (Status read = readSetting(*setting, node); !read) return read;
       } else if (!isSection(key)) {
         return at(file_, key_token.source().begin, where_ + key + ": unknown key");
       } else if (!node.is_table()) {
@@ -116,8 +118,8 @@ class SettingsReader {
       const std::vector<Setting> keys = setting.element();
       const SettingsReader reader(file_, keys, where_ + setting.key + ".");
       const toml::table& table = *element.as_table();
-      if (const Status read = reader.readTable(table, "", {}); !read) return read;
-      if (const Status complete = reader.checkRequired(table); !complete) return complete;
+      if (Status read = reader.readTable(table, "", {}); !read) return read;
+      if (Status complete = reader.checkRequired(table); !complete) return complete;
     }
     return success();
   }
@@ -140,7 +142,7 @@ Setting required(Setting setting) {
 }
 
 Setting checkedTextSetting(std::string key, TextCheck take) {
-  return {std::move(key), [take](const SettingValue& v) -> Objection {
+  return {std::move(key), [take = std::move(take)](const SettingValue& v) -> Objection {
             const std::optional<std::string> value = v.node.value_exact<std::string>();
             if (!value) return "must be text in quotes";
             if (value->empty()) return "must not be empty";
@@ -149,11 +151,12 @@ Setting checkedTextSetting(std::string key, TextCheck take) {
 }
 
 Setting textSetting(std::string key, std::string& target, TextCheck object) {
-  return checkedTextSetting(std::move(key), [&target, object](const std::string& text) {
-    Objection objection = object ? object(text) : std::nullopt;
-    if (!objection) target = text;
-    return objection;
-  });
+  return checkedTextSetting(std::move(key),
+                            [&target, object = std::move(object)](const std::string& text) {
+                              Objection objection = object ? object(text) : std::nullopt;
+                              if (!objection) target = text;
+                              return objection;
+                            });
 }
 
 Setting pathSetting(std::string key, fs::path& target) {
@@ -189,7 +192,7 @@ Setting integerSetting(std::string key, std::optional<int>& target, int least, i
 }
 
 Setting numbersSetting(std::string key, std::size_t count, NumbersTaker take) {
-  return {std::move(key), [count, take](const SettingValue& v) -> Objection {
+  return {std::move(key), [count, take = std::move(take)](const SettingValue& v) -> Objection {
             const toml::array* list = v.node.as_array();
             std::vector<double> numbers;
             for (std::size_t i = 0; list != nullptr && i < list->size(); ++i) {
@@ -216,7 +219,8 @@ Setting numberSetting(std::string key, std::optional<double>& target, double lea
 
 Setting wordSetting(std::string key, std::vector<std::string> words,
                     std::function<void(std::size_t)> take) {
-  return {std::move(key), [words, take](const SettingValue& v) -> Objection {
+  return {std::move(key),
+          [words = std::move(words), take = std::move(take)](const SettingValue& v) -> Objection {
             const std::optional<std::string> word = v.node.value_exact<std::string>();
             const auto found = word ? std::ranges::find(words, *word) : words.end();
             if (found != words.end()) {

@@ -64,7 +64,8 @@ using NumbersTaker = std::function<Objection(std::span<const double>)>;
 template <typename Element>
 [[nodiscard]] Setting sectionsSetting(std::string key, std::vector<Element>& target,
                                       std::function<std::vector<Setting>(Element&)> keys) {
-  return {std::move(key), nullptr, false, [&target, keys] { return keys(target.emplace_back()); }};
+  return {std::move(key), nullptr, false,
+          [&target, keys = std::move(keys)] { return keys(target.emplace_back()); }};
 }
 
 // One of some words in quotes; `take` gets the index of the word.

@@ -42,11 +42,12 @@ std::vector<Setting> anchorKeys(slam::Anchor& anchor) {
 
 // "3, 7-9" into `take`.
 Setting idsSetting(std::string key, std::function<Objection(std::vector<slam::IdRange>)> take) {
-  return checkedTextSetting(std::move(key), [take](const std::string& text) -> Objection {
-    const auto ranges = parseIdRanges(text);
-    if (!ranges) return ranges.error().message;
-    return take(*ranges);
-  });
+  return checkedTextSetting(std::move(key),
+                            [take = std::move(take)](const std::string& text) -> Objection {
+                              const auto ranges = parseIdRanges(text);
+                              if (!ranges) return ranges.error().message;
+                              return take(*ranges);
+                            });
 }
 
 // One [[slam.markers.sizes]].

@@ -227,7 +227,8 @@ TEST(CornerAccuracy, EdgesLieWhereTheTruthHasThem) {
       const double half = 0.5 * marker.size_m;
       for (int side = 0; side < 4; ++side) {
         const Eigen::Matrix3d turn = slam::expSo3({0.0, 0.0, 0.5 * std::numbers::pi * side});
-        for (double s = -0.6; s <= 0.6; s += 0.02) {
+        for (int step = -30; step <= 30; ++step) {
+          const double s = 0.02 * step;
           const auto offset =
               edgeOffset(image, camera, T_c_m, turn * Eigen::Vector3d(half, s * half, 0.0),
                          turn.col(0), turn.col(1), marker.size_m / 8.0);

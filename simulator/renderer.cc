@@ -22,9 +22,9 @@ struct SamplePattern {
   std::array<float, kSamples> y{};
 
   constexpr SamplePattern() {
-    for (int i = 0; i < 4; ++i) {
-      for (int j = 0; j < 4; ++j) {
-        const auto k = static_cast<std::size_t>(4 * i + j);
+    for (std::size_t i = 0; i < 4; ++i) {
+      for (std::size_t j = 0; j < 4; ++j) {
+        const std::size_t k = 4 * i + j;
         x[k] = (static_cast<float>(i) + (static_cast<float>(j) + 0.5F) / 4.0F) / 4.0F - 0.5F;
         y[k] = (static_cast<float>(j) + (static_cast<float>(3 - i) + 0.5F) / 4.0F) / 4.0F - 0.5F;
       }
@@ -107,10 +107,14 @@ struct Print {
     for (int r = 0; r < dictionary.cells(); ++r) {
       for (int c = 0; c < dictionary.cells(); ++c) {
         if (dictionary.white(id, r, c)) continue;
-        grey[static_cast<std::size_t>((r + 1) * cells + c + 1)] =
-            static_cast<float>(Renderer::kInk);
+        grey[index(r + 1, c + 1)] = static_cast<float>(Renderer::kInk);
       }
     }
+  }
+
+  [[nodiscard]] std::size_t index(int row, int column) const {
+    const int cell = row * cells + column;
+    return static_cast<std::size_t>(cell);
   }
 };
 
@@ -144,8 +148,7 @@ float samplePaper(const Gradient& u, const Gradient& v, const Gradient& w, float
   float sum = 0.0F;
   for (std::size_t k = 0; k < kSamples; ++k) {
     const bool hit = column[k] >= 0.0F && column[k] < cells && row[k] >= 0.0F && row[k] < cells;
-    sum += hit ? print.grey[static_cast<std::size_t>(static_cast<int>(row[k]) * print.cells +
-                                                     static_cast<int>(column[k]))]
+    sum += hit ? print.grey[print.index(static_cast<int>(row[k]), static_cast<int>(column[k]))]
                : behind;
   }
   return sum / kSamples;

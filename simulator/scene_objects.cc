@@ -44,8 +44,10 @@ void buildSheet(const Build& build) {
   constexpr int kRows = 6;
   Random random(build.seed, 0x5348);
   for (int i = 0; i < kColumns * kRows; ++i) {
-    const double x = (i % kColumns + 0.5) * kPaperWidth / kColumns - 0.5 * kPaperWidth;
-    const double y = 0.5 * kPaperHeight - (i / kColumns + 0.5) * kPaperHeight / kRows;
+    const int column = i % kColumns;
+    const int row = i / kColumns;
+    const double x = (column + 0.5) * kPaperWidth / kColumns - 0.5 * kPaperWidth;
+    const double y = 0.5 * kPaperHeight - (row + 0.5) * kPaperHeight / kRows;
     hangMarker(build, paper, x, y, {.roll = 0.0, .tilt = 0.0}, &random);
     build.scene->markers.back().T_w_m.p.z() = 2.0 * kAboveTable;  // printed: no gap to speak of
   }

@@ -60,8 +60,10 @@ void buildCeiling(const Build& build) {
   const double play_x = std::max(0.0, 0.5 * (width - 1.5 * build.paperSide()));
   const double play_y = std::max(0.0, 0.5 * (height - 1.5 * build.paperSide()));
   for (int i = 0; i < kColumns * kRows; ++i) {
-    const double x = (i % kColumns + 0.5) * width - ceiling.half_width_m;
-    const double y = (i / kColumns + 0.5) * height - ceiling.half_height_m;
+    const int column = i % kColumns;
+    const int row = i / kColumns;
+    const double x = (column + 0.5) * width - ceiling.half_width_m;
+    const double y = (row + 0.5) * height - ceiling.half_height_m;
     hangMarker(build, ceiling, x + random.uniform(-play_x, play_x),
                y + random.uniform(-play_y, play_y), {.roll = std::numbers::pi, .tilt = 0.05},
                &random);

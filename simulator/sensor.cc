@@ -19,6 +19,7 @@ std::vector<float> gaussianTaps(double sigma, int radius) {
     sum += 2.0 * taps.back();
   }
   std::vector<float> normalised;
+  normalised.reserve(taps.size());
   for (const double tap : taps) normalised.push_back(static_cast<float>(tap / sum));
   return normalised;
 }
@@ -90,7 +91,8 @@ void Sensor::develop(const Radiance& radiance, float light, std::uint64_t frame,
     }
     std::uint8_t* const out = pixels + offset;
     for (int x = 0; x < size_.width; ++x) {
-      out[x] = static_cast<std::uint8_t>(std::clamp(row[x], 0.0F, 255.0F) + 0.5F);
+      const float to_round = std::clamp(row[x], 0.0F, 255.0F) + 0.5F;  // never negative
+      out[x] = static_cast<std::uint8_t>(to_round);
     }
   }
 }

@@ -396,7 +396,8 @@ TEST_F(SlamInARoomTest, ALoopWithDriftIsClosedOnTheWay) {
   T_v_w_ = Transform{};  // the map's world is the tests': its first keyframe was the truth
   const double drift = errorOf(slam().map().markers().at(13));  // the one at 334 degrees
   ASSERT_GT(drift, 0.1);
-  for (double angle = 320.0; angle < 380.0; angle += 0.5) {
+  for (int step = 0; step < 120; ++step) {
+    const double angle = 320.0 + 0.5 * step;
     ASSERT_TRUE(feed(at(angle)).pose) << angle << " degrees";
   }
   EXPECT_EQ(slam().counters().loop_closures, 1U);

@@ -205,7 +205,7 @@ void Echo::print() {
 
 Status Echo::writeFiles() const {
   if (!options_.map_file.empty()) {
-    const Status written =
+    Status written =
         io::writeMarkerLayout(options_.map_file, map_.markers(), "the map as published");
     if (!written) return written;
   }

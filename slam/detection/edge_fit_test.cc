@@ -26,8 +26,8 @@ std::vector<EdgeSample> render(const Truth& truth, double reach, std::mt19937* r
   constexpr double kLength = 40.0;
   std::normal_distribution<double> noise(0.0, 1.0);
   std::vector<EdgeSample> samples;
-  for (double along = 3.0; along <= kLength - 3.0; along += 1.0) {
-    for (double across = std::ceil(-reach); across <= reach; across += 1.0) {
+  for (int along = 3; along <= kLength - 3; ++along) {
+    for (int across = static_cast<int>(std::ceil(-reach)); across <= reach; ++across) {
       const double t = along / kLength;
       const double d = across + 0.37 * t;  // the grid is not aligned with the edge
       const double shift = truth.shift_start + t * (truth.shift_end - truth.shift_start);

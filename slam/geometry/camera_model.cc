@@ -52,10 +52,11 @@ Radial radialFactor(const Calibration& c, double r2) {
 // The radius up to which r -> r * factor(r) rises, found by walking outwards.
 double monotonicRadius(const Calibration& c) {
   constexpr double kStep = 0.01;
-  for (double r = kStep; r < kLargestRadius; r += kStep) {
+  for (int steps = 1; steps * kStep < kLargestRadius; ++steps) {
+    const double r = steps * kStep;
     const Radial f = radialFactor(c, r * r);
     const double slope = f.factor + 2.0 * r * r * f.derivative;
-    if (!(slope > 0.0) || !(f.factor > 0.0)) return r - kStep;
+    if (!(slope > 0.0) || !(f.factor > 0.0)) return (steps - 1) * kStep;
   }
   return kLargestRadius;
 }

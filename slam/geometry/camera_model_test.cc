@@ -35,8 +35,10 @@ TEST(CameraModel, ProjectsAsOpenCvDoes) {
   for (const Calibration& c : all()) {
     const CameraModel camera(c);
     const cv::Matx33d K(c.fx, 0, c.cx, 0, c.fy, c.cy, 0, 0, 1);
-    for (double x = -0.4; x <= 0.4; x += 0.1) {
-      for (double y = -0.3; y <= 0.3; y += 0.1) {
+    for (int column = -4; column <= 4; ++column) {
+      for (int row = -3; row <= 3; ++row) {
+        const double x = 0.1 * column;
+        const double y = 0.1 * row;
         const std::vector<cv::Point3d> points{{2 * x, 2 * y, 2.0}};
         std::vector<cv::Point2d> pixels;
         if (c.model == DistortionModel::kEquidistant) {

@@ -47,7 +47,9 @@ inline std::vector<SyntheticMarker> frontalMarkers(std::mt19937* rng) {
   std::uniform_real_distribution<double> u(-1.0, 1.0);
   std::vector<SyntheticMarker> markers;
   for (int i = 0; i < 6; ++i) {
-    const Eigen::Vector3d centre(0.4 * (i % 3 - 1), 3.0 + 0.1 * u(*rng), 0.4 * (i / 3) - 0.2);
+    const int column = i % 3;
+    const int row = i / 3;
+    const Eigen::Vector3d centre(0.4 * (column - 1), 3.0 + 0.1 * u(*rng), 0.4 * row - 0.2);
     const Eigen::Vector3d towards = centre + Eigen::Vector3d(0.25 * u(*rng), -1, 0.25 * u(*rng));
     markers.push_back({i, markerFacing(centre, towards)});
   }
