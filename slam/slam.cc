@@ -1,7 +1,6 @@
 #include "slam/slam.h"
 
 #include <algorithm>
-#include <map>
 #include <utility>
 
 #include "slam/loop_closure/loop_closer.h"
@@ -35,13 +34,14 @@ class Slam::Impl {
   Impl(const CameraModel& camera, Dictionary dictionary, const Options& options, Map map)
       : options_(options),
         camera_(camera),
+        given_intrinsics_(camera.intrinsics()),
         detector_(camera_, std::move(dictionary), options.detector),
         initialiser_(options.markers, camera_.focalLength(), options.initialisation),
         tracker_(camera_.focalLength(), options.tracking),
         mapper_(options.markers, camera_.focalLength(), options.mapper),
         watch_(options.markers, options.watch),
-        readout_s_(options.shutter.readout_s.value_or(options.shutter.learned_s)),
-        next_readout_keyframes_(options.shutter.first_keyframes),
+        readout_(options.shutter, options.markers),
+        locator_(watch_, camera_, readout_, tracker_),
         map_(std::move(map)),
         last_old_keyframe_(map_.keyframes().empty() ? -1 : map_.keyframes().rbegin()->first) {
     map_.dictionary = detector_.dictionary().name();
@@ -76,7 +76,11 @@ class Slam::Impl {
         const StageScope scope(observer, Stage::kMap);
         closeLoop(&sight, &result);
         updateMap(&sight, &result);
-        if (result.keyframe_added) learnReadout(&result);
+        // The frame is the map's newest keyframe.
+        if (result.keyframe_added && readout_.learn(camera_, options_.loops.optimisation, &map_)) {
+          moveTo(map_.keyframes().rbegin()->second.T_w_c, &result);
+          result.map_changed = true;
+        }
       }
     }
     if (result.pose) ++counters_.localized;
@@ -84,24 +88,7 @@ class Slam::Impl {
   }
 
   void addViews(std::span<const PastFrame> frames) {
-    if (!options_.mapping) return;
-    std::map<std::int64_t, KeyframeId> in_map;  // by time; an old map's keyframes had another clock
-    for (const auto& [id, keyframe] : map_.keyframes()) {
-      if (id > last_old_keyframe_) in_map[keyframe.monotonic_ns] = id;
-    }
-    for (const PastFrame& frame : frames) {
-      auto view = viewOf(frame);
-      if (!view) continue;
-      const auto known = in_map.find(frame.time.monotonic_ns);
-      if (known == in_map.end()) {
-        (void)map_.addKeyframe(std::move(*view));
-        continue;
-      }
-      for (const MarkerDetection& detection : view->detections) {
-        const Keyframe& keyframe = map_.keyframes().at(known->second);
-        if (keyframe.find(detection.id) == nullptr) map_.addView(keyframe.id, detection);
-      }
-    }
+    if (options_.mapping) locator_.addViews(frames, last_old_keyframe_, &map_);
   }
 
   void optimiseMapGlobally() {
@@ -112,64 +99,23 @@ class Slam::Impl {
 
   void optimiseMapAndLens() {
     if (!options_.mapping || map_.keyframes().empty()) return;
-    (void)slam::optimiseGloballyWithIntrinsics(&map_, options_.markers, options_.intrinsics,
-                                               readout_s_, options_.global_optimisation, &camera_);
+    (void)slam::optimiseGloballyWithIntrinsics(&map_, options_.markers, given_intrinsics_,
+                                               options_.intrinsics, readout_.seconds(),
+                                               options_.global_optimisation, &camera_);
   }
 
-  [[nodiscard]] std::optional<PoseEstimate> localize(std::span<const MarkerDetection> detections,
-                                                     const Transform& guess,
-                                                     const Vector6d& twist) const {
-    const std::vector<MarkerDetection> usable = usableAt(guess, twist, detections);
-    const std::vector<KnownMarker> known = knownMarkers(map_, usable);
-    const auto solution = locate(known, guess);
-    if (!solution) return std::nullopt;
-    return estimateOf(*solution, known, twist);
+  [[nodiscard]] std::optional<PoseEstimate> localize(const PastFrame& frame) const {
+    const auto located = locator_.locate(map_, frame);
+    if (!located) return std::nullopt;
+    return tracker_.estimateOf(located->solution, located->known, frame.twist);
   }
 
   [[nodiscard]] const Map& map() const { return map_; }
   [[nodiscard]] const Counters& counters() const { return counters_; }
   [[nodiscard]] const CameraModel& camera() const { return camera_; }
-  [[nodiscard]] double readout_s() const { return readout_s_; }
+  [[nodiscard]] double readout_s() const { return readout_.seconds(); }
 
  private:
-  [[nodiscard]] std::vector<MarkerDetection> usableAt(
-      const Transform& T_w_c, const Twist& twist,
-      std::span<const MarkerDetection> detections) const {
-    Counters uncounted;
-    MarkerWatch watch(options_.markers, options_.watch);
-    std::vector<MarkerDetection> usable = watch.screen(detections, camera_, map_, &uncounted);
-    deskew(T_w_c, twist, &usable);
-    return usable;
-  }
-
-  [[nodiscard]] std::optional<PoseSolution> locate(std::span<const KnownMarker> known,
-                                                   const Transform& guess) const {
-    const PoseOptimiser& optimiser = tracker_.optimiser();
-    auto solution = optimiser.optimise(known, guess);
-    if (!solution || !optimiser.acceptable(*solution)) {
-      // The guess may be from before a loop was closed.
-      solution =
-          relocalise(known, optimiser, camera_.focalLength(), options_.tracking.relocalisation);
-    }
-    if (!solution || !optimiser.acceptable(*solution)) return std::nullopt;
-    return solution;
-  }
-
-  // A keyframe of the markers that fit the map; empty when the frame has no pose in it.
-  [[nodiscard]] std::optional<Keyframe> viewOf(const PastFrame& frame) const {
-    const std::vector<MarkerDetection> usable =
-        usableAt(frame.T_w_c, frame.twist, frame.detections);
-    const std::vector<KnownMarker> known = knownMarkers(map_, usable);
-    const auto solution = locate(known, frame.T_w_c);
-    if (!solution) return std::nullopt;
-    Keyframe view{-1, frame.time.sequence, frame.time.monotonic_ns, solution->T_w_c,
-                  {}, frame.twist};
-    for (std::size_t i = 0; i < known.size(); ++i) {
-      if (solution->inlier[i]) view.detections.push_back(*known[i].detection);
-    }
-    return view;
-  }
-
   // What a frame shows, by what it is good for, and what has become of it so far.
   struct Sight {
     FrameTime time;
@@ -198,17 +144,9 @@ class Slam::Impl {
     if (sight->known.eligible.empty()) std::swap(sight->known.eligible, sight->known.loop);
   }
 
-  // Moves the corners to where a global shutter would have seen them.
   void deskew(const Transform& T_w_c, const Twist& twist,
               std::vector<MarkerDetection>* detections) const {
-    if (readout_s_ == 0.0) return;
-    for (MarkerDetection& detection : *detections) {
-      const MapMarker* marker = map_.find(detection.id);
-      const auto better = deskewed(detection, camera_, T_w_c, twist,
-                                   marker != nullptr ? marker->T_w_m : std::nullopt,
-                                   options_.markers.sizeOf(detection.id), readout_s_);
-      if (better) detection = *better;
-    }
+    readout_.deskew(camera_, map_, T_w_c, twist, detections);
   }
 
   [[nodiscard]] static Keyframe frameOf(const Sight& sight, const Transform& T_w_c) {
@@ -234,7 +172,7 @@ class Slam::Impl {
     const std::vector<KnownMarker> known = knownMarkers(map_, usable);
     const auto solution = tracker_.optimiser().optimise(known, T_w_c);
     if (!solution) return;
-    result->pose = estimateOf(*solution, known, Twist::Zero());
+    result->pose = tracker_.estimateOf(*solution, known, Twist::Zero());
     result->pose->T_w_c = T_w_c;  // of a keyframe: by definition of the world, or as optimised
     result->state = TrackingState::kTracking;
     tracker_.commit(T_w_c, time.monotonic_ns);
@@ -271,14 +209,14 @@ class Slam::Impl {
     sight->twist = tracker_.twistTo(sight->solution.T_w_c, now_ns);
     deskewAgain(sight);
     sortByFit(sight);
-    result->pose = estimateOf(sight->solution, sight->known.eligible, sight->twist);
+    result->pose = tracker_.estimateOf(sight->solution, sight->known.eligible, sight->twist);
     result->state = TrackingState::kTracking;
     tracker_.commit(sight->solution.T_w_c, now_ns);
   }
 
   // With the velocity this frame has shown, instead of the predicted one.
   void deskewAgain(Sight* sight) {
-    if (readout_s_ == 0.0) return;
+    if (readout_.seconds() == 0.0) return;
     deskew(sight->solution.T_w_c, sight->twist, &sight->detections);
     auto better = tracker_.optimiser().optimise(sight->known.eligible, sight->solution.T_w_c);
     if (!better || !tracker_.optimiser().acceptable(*better)) return;
@@ -308,26 +246,6 @@ class Slam::Impl {
       }
     }
     sortById(&sight->fitting);
-  }
-
-  // A better readout time moves the corners of every keyframe, and so the map. The frame is its
-  // newest keyframe.
-  void learnReadout(FrameResult* result) {
-    const RollingShutterOptions& shutter = options_.shutter;
-    const int keyframes = static_cast<int>(map_.keyframes().size());
-    if (shutter.readout_s || keyframes < next_readout_keyframes_) return;
-    next_readout_keyframes_ = static_cast<int>(shutter.growth * keyframes) + 1;
-    // While the shutter is not known well, the views that speak loudest of it fit worst.
-    BundleOptions ungated = options_.loops.optimisation;
-    ungated.view_chi2 = 0.0;
-    const auto found = estimateReadout(map_, options_.markers, readout_s_, camera_,
-                                       shutter.most_keyframes, ungated);
-    if (!found || !believable(found->readout_s, found->sigma_s, readout_s_, shutter)) return;
-    readout_s_ = found->readout_s;
-    map_.undistortAgain(camera_, readout_s_);
-    (void)slam::optimiseGlobally(&map_, options_.markers, ungated);
-    moveTo(map_.keyframes().rbegin()->second.T_w_c, result);
-    result->map_changed = true;
   }
 
   // Section 4.9: markers in view that the neighbourhood does not know close a loop. Where both ends
@@ -472,31 +390,17 @@ class Slam::Impl {
     tracker_.correct(T_w_c);
   }
 
-  [[nodiscard]] PoseEstimate estimateOf(const PoseSolution& solution,
-                                        std::span<const KnownMarker> known,
-                                        const Twist& twist) const {
-    PoseEstimate estimate;
-    estimate.twist = twist;
-    estimate.T_w_c = solution.T_w_c;
-    estimate.covariance = solution.covariance;
-    estimate.source = PoseSource::kMarkers;
-    estimate.markers_used = solution.inliers;
-    estimate.reprojection_rms_px = solution.rms_px;
-    estimate.ambiguity_ratio = poseAmbiguity(solution, known, camera_.focalLength(),
-                                             options_.tracking.relocalisation.square);
-    return estimate;
-  }
-
   Options options_;
   CameraModel camera_;
+  IntrinsicVector given_intrinsics_;
   MarkerDetector detector_;
   Initialiser initialiser_;
   Tracker tracker_;
   Mapper mapper_;
   LoopDetector loop_detector_;
   MarkerWatch watch_;
-  double readout_s_;            // of the camera, as given or learned
-  int next_readout_keyframes_;  // it is estimated again when the map has so many keyframes
+  Readout readout_;
+  PastFrameLocator locator_;
   Map map_;
   KeyframeId last_old_keyframe_;  // of the map given at the start; -1 for none
   Counters counters_;
@@ -525,10 +429,8 @@ void Slam::addViews(std::span<const PastFrame> frames) { impl_->addViews(frames)
 void Slam::optimiseGlobally() { impl_->optimiseMapGlobally(); }
 void Slam::optimiseGloballyWithIntrinsics() { impl_->optimiseMapAndLens(); }
 
-std::optional<PoseEstimate> Slam::localize(std::span<const MarkerDetection> detections,
-                                           const Transform& guess_T_w_c,
-                                           const Vector6d& guess_twist) const {
-  return impl_->localize(detections, guess_T_w_c, guess_twist);
+std::optional<PoseEstimate> Slam::localize(const PastFrame& frame) const {
+  return impl_->localize(frame);
 }
 
 double Slam::readout_s() const { return impl_->readout_s(); }

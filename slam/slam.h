@@ -15,7 +15,9 @@
 #include "slam/geometry/camera_model.h"
 #include "slam/geometry/transform.h"
 #include "slam/map/map.h"
+#include "slam/mapping/past_frames.h"
 #include "slam/options.h"
+#include "slam/pose_estimate.h"
 
 namespace waymark::slam {
 
@@ -24,23 +26,6 @@ enum class TrackingState {
   kInitializing,  // no map yet
   kTracking,      // this frame has a pose
   kRelocalizing,  // there is a map, but this frame has no pose
-};
-
-enum class PoseSource { kNone, kMarkers, kNaturalFeatures, kPrediction };
-
-struct PoseEstimate {
-  Transform T_w_c;
-  // Of (dp, dtheta) as in Transform::retract: metres and radians, both in the world frame.
-  Matrix6d covariance = Matrix6d::Zero();
-  // Velocity of the camera in its own frame, metres and radians per second; zero in the first frame
-  // after a gap.
-  Vector6d twist = Vector6d::Zero();
-  PoseSource source = PoseSource::kNone;
-  int markers_used = 0;
-  double reprojection_rms_px = 0.0;
-  // Squared-error ratio of the best and the second pose hypothesis: large is unambiguous, 1 is a
-  // coin toss.
-  double ambiguity_ratio = 0.0;
 };
 
 struct FrameTime {
@@ -67,14 +52,6 @@ class StageObserver {
   virtual ~StageObserver() = default;
   virtual void begin(Stage stage) = 0;
   virtual void end(Stage stage) = 0;
-};
-
-// A frame that was processed, for Slam::addViews.
-struct PastFrame {
-  FrameTime time;
-  std::span<const MarkerDetection> detections;
-  Transform T_w_c;  // as estimated then
-  Vector6d twist = Vector6d::Zero();
 };
 
 class Slam {
@@ -105,15 +82,13 @@ class Slam {
   // Global optimisation of the whole map (section 4.10), for the end of a recording or a map that
   // is to be saved; does nothing when mapping is off.
   void optimiseGlobally();
-  // The same with the intrinsics among the unknowns (Eq. 41): camera() is then the better lens.
+  // The same with the intrinsics among the unknowns (Eq. 41), expected where the camera given at
+  // the start has them: camera() is then the better lens.
   void optimiseGloballyWithIntrinsics();
 
-  // A frame's pose against the map as it is now, from its detections and a first guess of pose and
-  // velocity (PoseEstimate::twist); for trajectory_final. Empty when too few of the markers are in
-  // the map.
-  [[nodiscard]] std::optional<PoseEstimate> localize(std::span<const MarkerDetection> detections,
-                                                     const Transform& guess_T_w_c,
-                                                     const Vector6d& guess_twist) const;
+  // A frame's pose against the map as it is now; for trajectory_final. Empty when too few of its
+  // markers are in the map.
+  [[nodiscard]] std::optional<PoseEstimate> localize(const PastFrame& frame) const;
   // First to last row, seconds, as given or learned; 0 for a global shutter.
   [[nodiscard]] double readout_s() const;
 

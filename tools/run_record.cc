@@ -70,7 +70,8 @@ io::Trajectory RunRecord::finalTrajectory(const slam::Slam& slam) const {
       const std::optional<slam::Transform> guess = live ? live->T_w_c : neighbour;
       if (!guess) return;
       const slam::Vector6d twist = live ? live->twist : slam::Vector6d::Zero();
-      const auto pose = slam.localize(frames_[i].detections, *guess, twist);
+      const auto pose =
+          slam.localize({i, frames_[i].time_ns, frames_[i].detections, *guess, twist});
       if (pose) poses[i] = pose->T_w_c;
     }
     if (poses[i]) neighbour = poses[i];
@@ -125,9 +126,7 @@ std::vector<slam::PastFrame> RunRecord::spreadFrames(std::size_t count,
     const FrameRecord& frame = frames_[i];
     if (frame.pose) near = frame.pose;
     if (!chosen[i]) continue;
-    frames.push_back({{.sequence = i, .monotonic_ns = frame.time_ns},
-                      frame.detections,
-                      near->T_w_c,
+    frames.push_back({i, frame.time_ns, frame.detections, near->T_w_c,
                       frame.pose ? frame.pose->twist : slam::Vector6d::Zero()});
   }
   return frames;

@@ -30,7 +30,7 @@ RunRecord walk(const std::set<int>& with_marker_2, const std::set<int>& lost) {
 std::set<int> numbersOf(const std::vector<slam::PastFrame>& frames) {
   std::set<int> numbers;
   for (const slam::PastFrame& frame : frames) {
-    numbers.insert(static_cast<int>(frame.time.sequence));
+    numbers.insert(static_cast<int>(frame.sequence));
   }
   return numbers;
 }

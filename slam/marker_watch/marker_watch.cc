@@ -23,17 +23,25 @@ void dismiss(MapMarker* marker, MarkerState to, Map* map, Counters* counters) {
 std::vector<MarkerDetection> MarkerWatch::screen(std::span<const MarkerDetection> detections,
                                                  const CameraModel& camera, const Map& map,
                                                  Counters* counters) {
-  std::vector<MarkerDetection> usable;
+  Sifted sifted = sift(detections, camera, map);
+  counters->doubled_markers += sifted.doubled.size();
+  counters->clipped_markers += sifted.clipped;
+  for (const int id : sifted.doubled) ++doubled_[id];
+  return std::move(sifted.usable);
+}
+
+MarkerWatch::Sifted MarkerWatch::sift(std::span<const MarkerDetection> detections,
+                                      const CameraModel& camera, const Map& map) const {
+  Sifted sifted;
+  std::vector<MarkerDetection>& usable = sifted.usable;
+  std::vector<int>& doubled = sifted.doubled;
   std::copy_if(detections.begin(), detections.end(), std::back_inserter(usable),
                [&](const MarkerDetection& d) { return !markers_.isIgnored(d.id); });
   sortById(&usable);
-  std::vector<int> doubled;
   for (std::size_t i = 1; i < usable.size(); ++i) {
     const int id = usable[i].id;
     if (id == usable[i - 1].id && (doubled.empty() || doubled.back() != id)) doubled.push_back(id);
   }
-  counters->doubled_markers += doubled.size();
-  for (const int id : doubled) ++doubled_[id];
   std::erase_if(usable, [&](const MarkerDetection& d) {
     const MapMarker* marker = map.find(d.id);
     if (marker != nullptr && marker->state == MarkerState::kRefused) return true;
@@ -41,10 +49,10 @@ std::vector<MarkerDetection> MarkerWatch::screen(std::span<const MarkerDetection
     const bool whole = std::all_of(d.pixels.begin(), d.pixels.end(), [&](const auto& corner) {
       return camera.inImage(corner, options_.border_px);
     });
-    if (!whole) ++counters->clipped_markers;
+    if (!whole) ++sifted.clipped;
     return !whole;
   });
-  return usable;
+  return sifted;
 }
 
 bool MarkerWatch::refuseDoubled(Map* map, Counters* counters) {

@@ -41,6 +41,12 @@ class MarkerWatch {
   [[nodiscard]] std::vector<MarkerDetection> screen(std::span<const MarkerDetection> detections,
                                                     const CameraModel& camera, const Map& map,
                                                     Counters* counters);
+  // The same of a frame out of turn: nothing is counted.
+  [[nodiscard]] std::vector<MarkerDetection> usable(std::span<const MarkerDetection> detections,
+                                                    const CameraModel& camera,
+                                                    const Map& map) const {
+    return sift(detections, camera, map).usable;
+  }
   // Refuses in the map what screen() saw twice too often. True when the map changed.
   bool refuseDoubled(Map* map, Counters* counters);
 
@@ -57,12 +63,19 @@ class MarkerWatch {
   void checkReturned(int marker_id, Map* map, Counters* counters) const;
 
  private:
+  struct Sifted {
+    std::vector<MarkerDetection> usable;  // sorted by id
+    std::vector<int> doubled;             // ids, sorted
+    std::size_t clipped = 0;
+  };
   struct Disagreement {
     int frames = 0;
     std::int64_t since_ns = 0;
     std::int64_t until_ns = 0;
   };
 
+  [[nodiscard]] Sifted sift(std::span<const MarkerDetection> detections, const CameraModel& camera,
+                            const Map& map) const;
   [[nodiscard]] bool hasMoved(int marker_id, const Disagreement& disagreement,
                               const Map& map) const;
 

@@ -162,10 +162,11 @@ BundleSummary optimiseGlobally(Map* map, const MarkerOptions& markers,
 }
 
 BundleSummary optimiseGloballyWithIntrinsics(Map* map, const MarkerOptions& markers,
+                                             const IntrinsicVector& expected,
                                              const IntrinsicPriors& priors, double readout_s,
                                              const BundleOptions& options, CameraModel* camera) {
   MapProblem whole = wholeMap(*map, markers);
-  whole.problem.lens = {*camera, *camera, camera->intrinsics(), priors.sigmas()};
+  whole.problem.lens = {*camera, *camera, expected, priors.sigmas()};
   const BundleSummary summary = whole.optimise(map, options);
   if (summary.failed) return summary;
   *camera = whole.problem.lens->camera;

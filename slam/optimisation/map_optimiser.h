@@ -30,9 +30,11 @@ BundleSummary optimiseLocally(Map* map, KeyframeId keyframe, const MarkerOptions
 // Section 4.10: all keyframes and all posed markers.
 BundleSummary optimiseGlobally(Map* map, const MarkerOptions& markers,
                                const BundleOptions& options);
-// The same with the intrinsics as unknowns (Eq. 41). On success *camera is the better lens, and the
-// map's corners are undistorted by it.
+// The same with the intrinsics as unknowns (Eq. 41), expected where the calibration has them. On
+// success *camera, which undistorted the map's corners, is the better lens, and undistorts them
+// anew.
 BundleSummary optimiseGloballyWithIntrinsics(Map* map, const MarkerOptions& markers,
+                                             const IntrinsicVector& expected,
                                              const IntrinsicPriors& priors, double readout_s,
                                              const BundleOptions& options, CameraModel* camera);
 

@@ -138,8 +138,8 @@ TEST_F(MapOptimiserTest, WithIntrinsicsTheLensAndTheCornersFollow) {
   CameraModel lens(stale);
   map.undistortAgain(lens, 0.0);
   const double before = fitOf(map).cost(2.45);
-  const BundleSummary summary =
-      optimiseGloballyWithIntrinsics(&map, options_, IntrinsicPriors{}, 0.0, kToTheEnd, &lens);
+  const BundleSummary summary = optimiseGloballyWithIntrinsics(
+      &map, options_, lens.intrinsics(), IntrinsicPriors{}, 0.0, kToTheEnd, &lens);
   ASSERT_FALSE(summary.failed);
   EXPECT_LT(std::abs(lens.calibration().fx - camera_.calibration().fx), 1.0);
   EXPECT_LT(std::abs(lens.calibration().fy - camera_.calibration().fy), 1.0);

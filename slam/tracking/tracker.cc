@@ -35,11 +35,38 @@ std::optional<TrackedPose> Tracker::track(std::span<const KnownMarker> markers,
     }
     tracked.prediction_refused = true;
   }
-  auto solution = relocalise(markers, optimiser_, focal_px_, options_.relocalisation);
-  if (!solution || !optimiser_.acceptable(*solution)) return std::nullopt;
+  auto solution = fromMarkersAlone(markers);
+  if (!solution) return std::nullopt;
   tracked.solution = std::move(*solution);
   tracked.method = TrackingMethod::kRelocalised;
   return tracked;
+}
+
+std::optional<PoseSolution> Tracker::locate(std::span<const KnownMarker> markers,
+                                            const Transform& guess_T_w_c) const {
+  auto near = optimiser_.optimise(markers, guess_T_w_c);
+  if (near && optimiser_.acceptable(*near)) return near;
+  return fromMarkersAlone(markers);  // the guess may be from before a loop was closed
+}
+
+PoseEstimate Tracker::estimateOf(const PoseSolution& solution, std::span<const KnownMarker> markers,
+                                 const Vector6d& twist) const {
+  PoseEstimate estimate;
+  estimate.T_w_c = solution.T_w_c;
+  estimate.covariance = solution.covariance;
+  estimate.twist = twist;
+  estimate.source = PoseSource::kMarkers;
+  estimate.markers_used = solution.inliers;
+  estimate.reprojection_rms_px = solution.rms_px;
+  estimate.ambiguity_ratio =
+      poseAmbiguity(solution, markers, focal_px_, options_.relocalisation.square);
+  return estimate;
+}
+
+std::optional<PoseSolution> Tracker::fromMarkersAlone(std::span<const KnownMarker> markers) const {
+  auto solution = relocalise(markers, optimiser_, focal_px_, options_.relocalisation);
+  if (!solution || !optimiser_.acceptable(*solution)) return std::nullopt;
+  return solution;
 }
 
 std::optional<PoseSolution> Tracker::fromPrediction(std::span<const KnownMarker> markers,

@@ -6,6 +6,7 @@
 #include <optional>
 #include <span>
 
+#include "slam/pose_estimate.h"
 #include "slam/relocalisation/relocaliser.h"
 #include "slam/tracking/known_marker.h"
 #include "slam/tracking/motion_model.h"
@@ -48,10 +49,20 @@ class Tracker {
     return motion_.twistTo(T_w_c, time_ns).value_or(Vector6d::Zero());
   }
 
+  // Of a frame out of turn: the pose nearest to a guess, else from the markers alone.
+  [[nodiscard]] std::optional<PoseSolution> locate(std::span<const KnownMarker> markers,
+                                                   const Transform& guess_T_w_c) const;
+  // What is told of a solution. `markers`: those that it was found from.
+  [[nodiscard]] PoseEstimate estimateOf(const PoseSolution& solution,
+                                        std::span<const KnownMarker> markers,
+                                        const Vector6d& twist) const;
+
   [[nodiscard]] const PoseOptimiser& optimiser() const { return optimiser_; }
   [[nodiscard]] double focalLength() const { return focal_px_; }
 
  private:
+  [[nodiscard]] std::optional<PoseSolution> fromMarkersAlone(
+      std::span<const KnownMarker> markers) const;
   [[nodiscard]] std::optional<PoseSolution> fromPrediction(std::span<const KnownMarker> markers,
                                                            const Transform& predicted) const;
 
