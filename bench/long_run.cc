@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <cstdint>
 #include <cstdio>
-#include <ctime>
 #include <fstream>
 #include <span>
 #include <string>
@@ -13,6 +12,7 @@
 #include <unistd.h>
 
 #include "base/quantile.h"
+#include "bench/cpu_time.h"
 #include "bench/walk.h"
 #include "io/map_file.h"
 #include "io/number_text.h"
@@ -31,12 +31,6 @@ struct Arguments {
   std::int64_t report_every = 100'000;
   double sigma_px = 0.1;
 };
-
-double threadCpu_ms() {
-  timespec time{};
-  clock_gettime(CLOCK_THREAD_CPUTIME_ID, &time);
-  return 1e3 * static_cast<double>(time.tv_sec) + 1e-6 * static_cast<double>(time.tv_nsec);
-}
 
 double residentMegabytes() {
   std::ifstream statm("/proc/self/statm");

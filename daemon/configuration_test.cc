@@ -72,8 +72,7 @@ TEST(Configuration, TheExampleWithEverythingUncommentedChangesNoDefault) {
   EXPECT_EQ(c->camera.simulator.loop_s, d.camera.simulator.loop_s);
   const slam::Options& o = c->slam.options;
   const slam::Options& e = d.slam.options;
-  EXPECT_EQ(o.detector.scanner.threshold_window_px, e.detector.scanner.threshold_window_px);
-  EXPECT_EQ(o.detector.scanner.min_side_px, e.detector.scanner.min_side_px);
+  EXPECT_EQ(o.detector.scanner.quads.min_side_px, e.detector.scanner.quads.min_side_px);
   EXPECT_EQ(o.detector.edges.fit.min_contrast, e.detector.edges.fit.min_contrast);
   EXPECT_EQ(o.detector.decoder.max_wrong_bits, e.detector.decoder.max_wrong_bits);
   EXPECT_EQ(o.initialisation.ambiguity_ratio, e.initialisation.ambiguity_ratio);

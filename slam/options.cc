@@ -12,9 +12,6 @@ std::string Options::invalidReason() const {
     return "ambiguity ratios must be at least 1";
   }
   if (initialisation.attempts < 1) return "initialisation needs at least 1 attempt";
-  if (detector.scanner.threshold_window_px < 3 || detector.scanner.threshold_window_px % 2 == 0) {
-    return "threshold window must be odd and at least 3 pixels";
-  }
   const KeyframeOptions& keyframes = mapper.keyframes;
   if (!positive(keyframes.min_baseline_m) || !positive(keyframes.min_rotation_rad)) {
     return "keyframe distances must be positive";

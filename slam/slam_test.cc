@@ -166,9 +166,6 @@ TEST_F(SlamTest, OptionsSayWhatIsWrong) {
   o.markers.size_m = 0.0;
   EXPECT_NE(o.invalidReason(), "");
   o = options_;
-  o.detector.scanner.threshold_window_px = 14;
-  EXPECT_NE(o.invalidReason(), "");
-  o = options_;
   o.mapper.keyframes.views_per_marker = 1;
   EXPECT_NE(o.invalidReason(), "");
 }

@@ -159,8 +159,8 @@ TEST_F(WaymarkTool, ConfigurationFile) {
   expectBadInput(runWith("[slam]\ndictionary = '4X4_50'\n"), "--marker-size is required");
   expectBadInput(runWith(slam + "colour = 1\n"), "w.toml:4:1: slam.colour: unknown key");
   expectBadInput(runWith("[slam\n"), "w.toml:1:");
-  expectBadInput(runWith(slam + "[slam.detector]\nscanner.threshold_window_px = 16\n"),
-                 "w.toml: slam: threshold window must be odd");
+  expectBadInput(runWith(slam + "[slam.detector]\nscanner.min_side_px = 'large'\n"),
+                 "w.toml:5:23: slam.detector.scanner.min_side_px: must be a number");
   expectBadInput(waymark({"run", video(), "--config", "/nowhere.toml", "--calibration", "c.yml"}),
                  "/nowhere.toml: cannot be read");
 }

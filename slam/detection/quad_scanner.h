@@ -1,36 +1,23 @@
 // Full-frame search for dark, convex quadrilaterals: the first, rough stage of detection.
 #pragma once
 
-#include <array>
-#include <cstdint>
 #include <vector>
 
-#include <Eigen/Core>
-#include <opencv2/core/mat.hpp>
-
 #include "base/image_view.h"
+#include "slam/detection/dark_mask.h"
+#include "slam/detection/dark_regions.h"
+#include "slam/detection/region_quad.h"
 
 namespace waymark::slam {
 
 struct QuadScannerOptions {
-  // Side of the window of the adaptive threshold, pixels, odd. Larger finds bigger blurred borders,
-  // smaller separates close markers.
-  int threshold_window_px = 15;
-  // A pixel is dark below mean * (1 - share) - offset of its window: the share goes with the light
-  // on the scene, the offset (grey levels) with the sensor's noise. Larger values separate squares
-  // that touch and are deaf to faint prints.
-  double threshold_share = 0.07;
-  double threshold_offset = 4.0;
-  // Shortest side of a candidate, pixels.
-  double min_side_px = 7.0;
-  // Largest deviation of the outline from the quad, as a share of the perimeter.
-  double outline_tolerance = 0.03;
-  // Candidates with a corner nearer than this to the image border are clipped markers, pixels.
-  double border_margin_px = 2.0;
+  // Strict: keeps squares apart that nearly touch. Lenient: keeps blurred borders whole, between
+  // light cells and light paper.
+  DarkMaskOptions strict{.share = 0.16, .offset = 8};
+  DarkMaskOptions lenient{.share = 0.02, .offset = 2.0};
+  DarkRegionOptions regions;
+  RegionQuadOptions quads;
 };
-
-// Corners in pixels (pixel centres), clockwise in the image, good to about a pixel.
-using Quad = std::array<Eigen::Vector2d, 4>;
 
 class QuadScanner {
  public:
@@ -40,15 +27,13 @@ class QuadScanner {
   const std::vector<Quad>& scan(const ImageView& image);
 
  private:
-  void collectQuads();
+  void collect(const DarkMask& mask);
+  [[nodiscard]] bool isKnown(const Quad& quad) const;
 
-  QuadScannerOptions options_;
-  std::array<std::uint8_t, 256> dark_below_;  // by the window's mean
-  cv::Mat mean_;
-  cv::Mat light_;
-  std::vector<std::vector<cv::Point>> outlines_;
-  std::vector<cv::Vec4i> hierarchy_;
-  std::vector<cv::Point> polygon_;
+  DarkMask strict_;
+  DarkMask lenient_;
+  DarkRegionFinder finder_;
+  RegionQuadFitter fitter_;
   std::vector<Quad> quads_;
 };
 

@@ -1,0 +1,53 @@
+// Which pixels are dark against their surroundings: the adaptive threshold that the full scan
+// starts from.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <vector>
+
+#include "base/image_view.h"
+
+namespace waymark::slam {
+
+struct DarkMaskOptions {
+  // A pixel is dark below mean * (1 - share) - offset of the 16 x 16 window around it: the share
+  // goes with the light on the scene, the offset (grey levels) with the sensor's noise. Larger
+  // values separate squares that touch and are deaf to faint prints.
+  double share = 0.07;
+  double offset = 4.0;
+};
+
+// One bit a pixel, in rows of whole words: pixel x is bit x % 64 of word x / 64, and bits beyond
+// the width are zero.
+class DarkMask {
+ public:
+  explicit DarkMask(const DarkMaskOptions& options = {});
+
+  // The mask of an image. A dark pixel without a dark neighbour in its row, or in its column, is
+  // noise and left out.
+  void make(const ImageView& image);
+
+  [[nodiscard]] int width() const { return width_; }
+  [[nodiscard]] int height() const { return height_; }
+  [[nodiscard]] int wordsPerRow() const { return words_per_row_; }
+  [[nodiscard]] const std::uint64_t* row(int y) const { return bits_.data() + y * words_per_row_; }
+  [[nodiscard]] bool dark(int x, int y) const { return ((row(y)[x / 64] >> (x % 64)) & 1U) != 0; }
+
+ private:
+  void resize(int width, int height);
+  void dropSpecks();
+
+  std::uint16_t factor_;  // of the window's sum, in 1/65536: gives the level without the offset
+  std::uint16_t offset_;
+  int width_ = 0;
+  int height_ = 0;
+  int words_per_row_ = 0;
+  std::vector<std::uint16_t> column_;  // sums over the window's rows, padded
+  std::vector<std::uint16_t> window_;  // sums over the whole window
+  std::vector<std::uint8_t> flags_;    // of a row, one byte a pixel
+  std::vector<std::uint64_t> raw_;
+  std::vector<std::uint64_t> bits_;
+};
+
+}  // namespace waymark::slam

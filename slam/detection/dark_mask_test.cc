@@ -1,0 +1,105 @@
+#include "slam/detection/dark_mask.h"
+
+#include <algorithm>
+#include <random>
+#include <vector>
+
+#include <gtest/gtest.h>
+
+namespace waymark::slam {
+namespace {
+
+struct Picture {
+  int width;
+  int height;
+  std::vector<std::uint8_t> pixels;
+
+  Picture(int w, int h, std::uint8_t grey)
+      : width(w), height(h), pixels(static_cast<std::size_t>(w * h), grey) {}
+  std::uint8_t& at(int x, int y) { return pixels[static_cast<std::size_t>(y * width + x)]; }
+  [[nodiscard]] std::uint8_t near(int x, int y) const {
+    const int column = std::clamp(x, 0, width - 1);
+    const int row = std::clamp(y, 0, height - 1);
+    return pixels[static_cast<std::size_t>(row * width + column)];
+  }
+  [[nodiscard]] ImageView view() const { return {pixels.data(), width, height, width}; }
+};
+
+Picture noise(int width, int height, unsigned seed) {
+  Picture picture(width, height, 0);
+  std::mt19937 rng(seed);
+  std::uniform_int_distribution<int> grey(0, 255);
+  for (auto& pixel : picture.pixels) pixel = static_cast<std::uint8_t>(grey(rng));
+  return picture;
+}
+
+// By the definition, pixel by pixel.
+bool isDark(const Picture& picture, int x, int y, const DarkMaskOptions& options) {
+  int sum = 0;
+  for (int dy = -8; dy < 8; ++dy) {
+    for (int dx = -8; dx < 8; ++dx) sum += picture.near(x + dx, y + dy);
+  }
+  const auto factor = static_cast<unsigned>(std::lround(65536.0 * (1.0 - options.share) / 256.0));
+  const auto level = static_cast<int>(static_cast<unsigned>(sum) * factor >> 16U);
+  return picture.near(x, y) + std::lround(options.offset) < level;
+}
+
+TEST(DarkMask, IsWhatItsDefinitionSays) {
+  for (const int width : {64, 65, 97, 130}) {
+    const Picture picture = noise(width, 40, static_cast<unsigned>(width));
+    const DarkMaskOptions options{.share = 0.1, .offset = 5.0};
+    DarkMask mask(options);
+    mask.make(picture.view());
+    const auto dark = [&](int x, int y) {
+      return x >= 0 && y >= 0 && x < width && y < 40 && isDark(picture, x, y, options);
+    };
+    int dark_pixels = 0;
+    for (int y = 0; y < 40; ++y) {
+      for (int x = 0; x < width; ++x) {
+        const bool in_company =
+            (dark(x - 1, y) || dark(x + 1, y)) && (dark(x, y - 1) || dark(x, y + 1));
+        ASSERT_EQ(mask.dark(x, y), dark(x, y) && in_company) << x << ", " << y << " of " << width;
+        dark_pixels += mask.dark(x, y) ? 1 : 0;
+      }
+      const std::uint64_t last = mask.row(y)[mask.wordsPerRow() - 1];
+      if (width % 64 != 0) {
+        EXPECT_EQ(last >> static_cast<unsigned>(width % 64), 0U) << "beyond the width";
+      }
+    }
+    EXPECT_GT(dark_pixels, width * 40 / 10);
+  }
+}
+
+TEST(DarkMask, SquaresAreDarkInAnyLight) {
+  for (const int light : {30, 90, 250}) {
+    Picture picture(80, 60, static_cast<std::uint8_t>(light));
+    for (int y = 20; y < 32; ++y) {
+      for (int x = 30; x < 42; ++x) picture.at(x, y) = static_cast<std::uint8_t>(light / 4);
+    }
+    DarkMask mask;
+    mask.make(picture.view());
+    int dark_pixels = 0;
+    for (int y = 0; y < 60; ++y) {
+      for (int x = 0; x < 80; ++x) dark_pixels += mask.dark(x, y) ? 1 : 0;
+    }
+    EXPECT_EQ(dark_pixels, 12 * 12) << "light " << light;
+    EXPECT_TRUE(mask.dark(30, 20) && mask.dark(41, 31)) << "light " << light;
+  }
+}
+
+TEST(DarkMask, OfAnotherSizeNextTime) {
+  DarkMask mask;
+  mask.make(noise(100, 50, 1).view());
+  const Picture small = noise(33, 20, 2);
+  mask.make(small.view());
+  EXPECT_EQ(mask.width(), 33);
+  EXPECT_EQ(mask.height(), 20);
+  DarkMask fresh;
+  fresh.make(small.view());
+  for (int y = 0; y < 20; ++y) {
+    for (int x = 0; x < 33; ++x) EXPECT_EQ(mask.dark(x, y), fresh.dark(x, y));
+  }
+}
+
+}  // namespace
+}  // namespace waymark::slam
