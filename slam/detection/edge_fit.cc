@@ -7,146 +7,158 @@
 
 #include <Eigen/Cholesky>
 
+#include "base/vectorised.h"
+
 namespace waymark::slam {
 namespace {
-
-// The Gaussian's distribution function and density, tabulated: they are needed some thousand times
-// per marker.
-class GaussTable {
- public:
-  struct Value {
-    float cdf;
-    float pdf;
-  };
-
-  GaussTable() {
-    for (int i = 0; i <= kSize; ++i) {
-      const double x = -kRange + i / kPerUnit;
-      table_[static_cast<std::size_t>(i)] = {
-          static_cast<float>(0.5 * std::erfc(-x / std::sqrt(2.0))),
-          static_cast<float>(std::exp(-0.5 * x * x) / std::sqrt(2.0 * M_PI))};
-    }
-  }
-  [[nodiscard]] Value at(float x) const {
-    const float position = (x + kRange) * kPerUnit;
-    if (!(position > 0.0F)) return {0.0F, 0.0F};
-    if (position >= static_cast<float>(kSize)) return {1.0F, 0.0F};
-    const auto i = static_cast<std::size_t>(position);
-    const float f = position - static_cast<float>(i);
-    const Value& low = table_[i];
-    const Value& high = table_[i + 1];
-    return {low.cdf + f * (high.cdf - low.cdf), low.pdf + f * (high.pdf - low.pdf)};
-  }
-  [[nodiscard]] float cdf(float x) const { return at(x).cdf; }
-
- private:
-  static constexpr float kRange = 4.5F;
-  static constexpr float kPerUnit = 64.0F;
-  static constexpr int kSize = 576;
-  std::array<Value, kSize + 1> table_{};
-};
-
-const GaussTable& gauss() {
-  static const GaussTable table;
-  return table;
-}
-
-// How dark the model is at a sample (1 = the border's grey level, 0 = the surroundings') and its
-// derivatives.
-struct Darkness {
-  float value;
-  float by_shift;
-  float by_blur;
-};
-
-Darkness darknessAt(const GaussTable& table, const EdgeSample& s, float shift, float blur) {
-  float factor = table.cdf(s.to_start / blur) * table.cdf(s.to_end / blur);
-  if (s.ring_white > 0.0F) {
-    factor *= 1.0F - s.ring_white * table.cdf(-(s.distance + s.thickness) / blur);
-  }
-  const float x = (shift - s.distance) / blur;
-  const GaussTable::Value value = table.at(x);
-  const float slope = value.pdf / blur * factor;
-  return {value.cdf * factor, slope, -slope * x};
-}
 
 // The unknowns: shift at start and end, white, black, blur, and the slopes of white and black along
 // the edge.
 enum Unknown { kShiftStart, kShiftEnd, kWhite, kBlack, kBlur, kWhiteSlope, kBlackSlope };
-constexpr int kUnknowns = 7;
+constexpr std::size_t kUnknowns = 7;
 using VectorU = Eigen::Matrix<double, kUnknowns, 1>;
 using MatrixU = Eigen::Matrix<double, kUnknowns, kUnknowns>;
 
-// Sums of the normal equations in single precision, padded to whole vectors: the loop over the
-// pixels is the refiner's cost.
+// Of the normal equations; H row by row of its lower triangle.
 struct NormalSums {
-  using Row = Eigen::Matrix<float, 8, 1>;
-  Eigen::Matrix<float, 8, 8> H = Eigen::Matrix<float, 8, 8>::Zero();
-  Row g = Row::Zero();
+  static constexpr std::size_t kTriangle = kUnknowns * (kUnknowns + 1) / 2;
+  std::array<float, kTriangle> H{};
+  std::array<float, kUnknowns> g{};
   float squares = 0.0F;
   float weights = 0.0F;
 
-  void add(const Row& J, float residual, float weight) {
-    const Row wJ = weight * J;
-    H.noalias() += wJ * J.transpose();
-    g.noalias() += residual * wJ;
-    squares += weight * residual * residual;
-    weights += weight;
+  [[nodiscard]] MatrixU matrix() const {
+    MatrixU matrix;
+    std::size_t k = 0;
+    for (Eigen::Index i = 0; i < matrix.rows(); ++i) {
+      for (Eigen::Index j = 0; j <= i; ++j) matrix(i, j) = matrix(j, i) = H[k++];
+    }
+    return matrix;
   }
-
+  [[nodiscard]] VectorU gradient() const {
+    VectorU gradient;
+    for (std::size_t i = 0; i < kUnknowns; ++i) gradient[static_cast<Eigen::Index>(i)] = g[i];
+    return gradient;
+  }
   // Of the residuals; at least a quarter, which quantisation makes.
   [[nodiscard]] double variance() const {
-    const double degrees = std::max(static_cast<double>(weights) - kUnknowns, 1.0);
+    const double degrees = std::max(static_cast<double>(weights) - double{kUnknowns}, 1.0);
     return std::max(static_cast<double>(squares) / degrees, 0.25);
   }
 };
 
-// cut: squared residual at which a pixel's weight has fallen to a half (Cauchy's kernel).
-NormalSums linearise(std::span<const EdgeSample> samples, const VectorU& x, float cut) {
-  const GaussTable& table = gauss();
-  const Eigen::Matrix<float, kUnknowns, 1> xf = x.cast<float>();
-  const float contrast = xf[kBlack] - xf[kWhite];
-  NormalSums sums;
-  for (const EdgeSample& s : samples) {
-    const float centred = s.t - 0.5F;
-    const float shift = xf[kShiftStart] + s.t * (xf[kShiftEnd] - xf[kShiftStart]);
-    const Darkness dark = darknessAt(table, s, shift, xf[kBlur]);
-    const float light = 1.0F - dark.value;
-    const float model = light * (xf[kWhite] + xf[kWhiteSlope] * centred) +
-                        dark.value * (xf[kBlack] + xf[kBlackSlope] * centred);
-    const float residual = model - s.grey;
-    const float by_shift = contrast * dark.by_shift;
-    NormalSums::Row J;
-    J << by_shift * (1.0F - s.t), by_shift * s.t, light, dark.value, contrast * dark.by_blur,
-        light * centred, dark.value * centred, 0.0F;
-    sums.add(J, residual, 1.0F / (1.0F + residual * residual / cut));
+// How dark the model is at eight samples (1 = the border's grey level, 0 = the surroundings') and
+// its derivatives.
+struct Darkness {
+  Lanes value;
+  Lanes by_shift;
+  Lanes by_blur;
+};
+
+bool anyBelow(const Lanes& lanes, float limit) {
+  float least = lanes[0];
+  for (std::size_t k = 1; k < kLanes; ++k) least = std::min(least, lanes[k]);
+  return least < limit;
+}
+
+WAYMARK_INLINE void darknessAt(const EdgeSamples& s, std::size_t i, const Lanes& shift, float blur,
+                               Darkness* dark) {
+  constexpr float kFar = 4.5F;  // standard deviations beyond which a step is a plain
+  const float per_blur = 1.0F / blur;
+  Lanes factor = Lanes{} + 1.0F;
+  NormalLanes step;
+  for (const EdgeSamples::Field* end : {&s.to_start, &s.to_end}) {
+    const Lanes& distance = lanesAt(end->data(), i);
+    if (!anyBelow(distance, kFar * blur)) continue;
+    normalAt(distance * per_blur, &step);
+    factor *= step.cdf;
   }
-  return sums;
+  const Lanes& distance = lanesAt(s.distance.data(), i);
+  const Lanes& ring = lanesAt(s.ring_white.data(), i);
+  if (anyBelow(-ring, 0.0F)) {
+    normalAt(-(distance + lanesAt(s.thickness.data(), i)) * per_blur, &step);
+    factor *= 1.0F - ring * step.cdf;
+  }
+  const Lanes x = (shift - distance) * per_blur;
+  normalAt(x, &step);
+  dark->value = step.cdf * factor;
+  dark->by_shift = step.pdf * per_blur * factor;
+  dark->by_blur = -dark->by_shift * x;
+}
+
+// cut: squared residual at which a pixel's weight has fallen to a half (Cauchy's kernel).
+WAYMARK_VECTORISED void linearise(const EdgeSamples& samples, const std::array<float, kUnknowns>& x,
+                                  float cut, NormalSums* sums) {
+  std::array<Lanes, NormalSums::kTriangle> H{};
+  std::array<Lanes, kUnknowns> g{};
+  Lanes squares{};
+  Lanes weights{};
+  const float contrast = x[kBlack] - x[kWhite];
+  const float per_cut = 1.0F / cut;
+  for (std::size_t i = 0; i < samples.count; i += kLanes) {
+    const Lanes& t = lanesAt(samples.t.data(), i);
+    const Lanes centred = t - 0.5F;
+    const Lanes shift = x[kShiftStart] + t * (x[kShiftEnd] - x[kShiftStart]);
+    Darkness dark;
+    darknessAt(samples, i, shift, x[kBlur], &dark);
+    const Lanes light = 1.0F - dark.value;
+    const Lanes model = light * (x[kWhite] + x[kWhiteSlope] * centred) +
+                        dark.value * (x[kBlack] + x[kBlackSlope] * centred);
+    const Lanes residual = model - lanesAt(samples.grey.data(), i);
+    const Lanes weight = lanesAt(samples.weight.data(), i) / (1.0F + residual * residual * per_cut);
+    const Lanes by_shift = contrast * dark.by_shift;
+    const std::array<Lanes, kUnknowns> J = {
+        by_shift * (1.0F - t), by_shift * t,        light, dark.value, contrast * dark.by_blur,
+        light * centred,       dark.value * centred};
+    std::size_t k = 0;
+#pragma GCC unroll 7
+    for (std::size_t row = 0; row < kUnknowns; ++row) {
+      const Lanes weighted = weight * J[row];
+      g[row] += residual * weighted;
+#pragma GCC unroll 7
+      for (std::size_t column = 0; column <= row; ++column) H[k++] += weighted * J[column];
+    }
+    squares += weight * residual * residual;
+    weights += weight;
+  }
+  for (std::size_t k = 0; k < H.size(); ++k) sums->H[k] = sumOf(H[k]);
+  for (std::size_t k = 0; k < g.size(); ++k) sums->g[k] = sumOf(g[k]);
+  sums->squares = sumOf(squares);
+  sums->weights = sumOf(weights);
+}
+
+float pixelsIn(const EdgeSamples& samples) {
+  float pixels = 0.0F;
+  for (std::size_t i = 0; i < samples.count; ++i) pixels += samples.weight[i];
+  return pixels;
 }
 
 }  // namespace
 
-float blurredStep(float x) { return gauss().cdf(x); }
-
-std::optional<EdgeFit> fitEdge(std::span<const EdgeSample> samples, const EdgeFit& start,
+std::optional<EdgeFit> fitEdge(const EdgeSamples& samples, const EdgeFit& start,
                                const EdgeFitOptions& options) {
-  constexpr std::size_t kFewest = 16;
-  constexpr double kConverged = 0.003;  // pixels
+  constexpr float kFewest = 16.0F;
+  constexpr double kConverged = 0.01;  // pixels: the next step would be a hundredth of it
   constexpr double kLongestStep = 1.5;  // pixels
   // Standard deviations of the priors that hold what a short edge cannot tell.
   constexpr double kSlopePrior = 10.0;  // grey levels from end to end
   constexpr double kBlurPrior = 0.5;    // pixels
-  if (samples.size() < kFewest) return std::nullopt;
+  if (pixelsIn(samples) < kFewest) return std::nullopt;
 
   VectorU x;
   x << start.shift_start, start.shift_end, start.white, start.black, start.blur_px, 0.0, 0.0;
-  MatrixU H;
+  Eigen::LLT<MatrixU> factors;
   double variance = 1e9;  // nothing is an outlier yet
   for (int iteration = 0; iteration < options.iterations; ++iteration) {
     const auto cut = static_cast<float>(9.0 * std::max(variance, 1.0));
-    const NormalSums sums = linearise(samples, x, cut);
-    H = sums.H.topLeftCorner<kUnknowns, kUnknowns>().cast<double>();
-    VectorU g = sums.g.head<kUnknowns>().cast<double>();
+    std::array<float, kUnknowns> xf;
+    for (std::size_t i = 0; i < kUnknowns; ++i) {
+      xf[i] = static_cast<float>(x[static_cast<Eigen::Index>(i)]);
+    }
+    NormalSums sums;
+    linearise(samples, xf, cut, &sums);
+    MatrixU H = sums.matrix();
+    VectorU g = sums.gradient();
     variance = sums.variance();
     const auto prior = [&](Unknown k, double mean, double sigma) {
       const double weight = variance / (sigma * sigma);
@@ -157,7 +169,9 @@ std::optional<EdgeFit> fitEdge(std::span<const EdgeSample> samples, const EdgeFi
     prior(kWhiteSlope, 0.0, kSlopePrior);
     prior(kBlackSlope, 0.0, kSlopePrior);
 
-    VectorU step = Eigen::LDLT<MatrixU>(H).solve(g);
+    factors.compute(H);
+    if (factors.info() != Eigen::Success) return std::nullopt;
+    VectorU step = factors.solve(g);
     if (!step.allFinite()) return std::nullopt;
     for (const Unknown k : {kShiftStart, kShiftEnd}) {
       step[k] = std::clamp(step[k], -kLongestStep, kLongestStep);
@@ -171,8 +185,9 @@ std::optional<EdgeFit> fitEdge(std::span<const EdgeSample> samples, const EdgeFi
     if (iteration > 0 && moved < kConverged) break;
   }
   if (x[kWhite] - x[kBlack] < options.min_contrast) return std::nullopt;
-  const MatrixU inverse = Eigen::LDLT<MatrixU>(H).solve(MatrixU::Identity());
-  return EdgeFit{x[kShiftStart], x[kShiftEnd], variance * inverse.topLeftCorner<2, 2>(),
+  using Columns = Eigen::Matrix<double, kUnknowns, 2>;
+  const Columns inverse = factors.solve(Columns::Identity());
+  return EdgeFit{x[kShiftStart], x[kShiftEnd], variance * inverse.topRows<2>(),
                  x[kWhite],      x[kBlack],    x[kBlur]};
 }
 

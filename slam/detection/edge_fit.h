@@ -7,22 +7,12 @@
 #pragma once
 
 #include <optional>
-#include <span>
 
 #include <Eigen/Core>
 
-namespace waymark::slam {
+#include "slam/detection/edge_samples.h"
 
-// One pixel near the edge. Distances in pixels.
-struct EdgeSample {
-  float distance;    // from the first guess of the edge, outwards
-  float t;           // along it, 0 at its start, 1 at its end
-  float to_start;    // from the side that meets it at its start
-  float to_end;      // from the side that meets it at its end
-  float thickness;   // of the black border here
-  float ring_white;  // how white the code cell behind the border is, 0 .. 1
-  float grey;
-};
+namespace waymark::slam {
 
 struct EdgeFit {
   // How far the edge lies outwards of the first guess at its start and end, pixels.
@@ -47,11 +37,7 @@ struct EdgeFitOptions {
 
 // Gauss-Newton on the grey levels from `start`. Empty when there are too few pixels, too little
 // contrast, or the edge runs away from the guess.
-[[nodiscard]] std::optional<EdgeFit> fitEdge(std::span<const EdgeSample> samples,
-                                             const EdgeFit& start, const EdgeFitOptions& options);
-
-// The share of a step's height reached `x` standard deviations past it (the Gaussian's distribution
-// function).
-[[nodiscard]] float blurredStep(float x);
+[[nodiscard]] std::optional<EdgeFit> fitEdge(const EdgeSamples& samples, const EdgeFit& start,
+                                             const EdgeFitOptions& options);
 
 }  // namespace waymark::slam

@@ -2,7 +2,6 @@
 
 #include <cmath>
 #include <random>
-#include <vector>
 
 #include <gtest/gtest.h>
 
@@ -22,10 +21,10 @@ struct Truth {
 double gaussian(double x) { return 0.5 * std::erfc(-x / std::sqrt(2.0)); }
 
 // A straight edge 40 pixels long, seen by pixels on a grid.
-std::vector<EdgeSample> render(const Truth& truth, double reach, std::mt19937* rng) {
+EdgeSamples render(const Truth& truth, double reach, std::mt19937* rng) {
   constexpr double kLength = 40.0;
   std::normal_distribution<double> noise(0.0, 1.0);
-  std::vector<EdgeSample> samples;
+  EdgeSamples samples;
   for (int along = 3; along <= kLength - 3; ++along) {
     for (int across = static_cast<int>(std::ceil(-reach)); across <= reach; ++across) {
       const double t = along / kLength;
@@ -41,9 +40,10 @@ std::vector<EdgeSample> render(const Truth& truth, double reach, std::mt19937* r
       s.thickness = static_cast<float>(truth.thickness);
       s.ring_white = truth.white_ring && truth.ring_known ? 1.0F : 0.0F;
       s.grey = static_cast<float>(200.0 - 160.0 * dark + truth.noise * noise(*rng));
-      samples.push_back(s);
+      samples.add(s);
     }
   }
+  samples.fillUp();
   return samples;
 }
 
@@ -104,7 +104,7 @@ TEST_F(EdgeFitTest, AFewWrongPixelsDoNotMoveIt) {
   Truth truth;
   truth.noise = 1.0;
   auto samples = render(truth, 3.0, &rng_);
-  for (std::size_t i = 10; i < samples.size(); i += 23) samples[i].grey = 255.0F - samples[i].grey;
+  for (std::size_t i = 10; i < samples.count; i += 23) samples.grey[i] = 255.0F - samples.grey[i];
   const auto fit = fitEdge(samples, {}, options_);
   ASSERT_TRUE(fit);
   EXPECT_NEAR(fit->shift_start, truth.shift_start, 0.05);
@@ -112,13 +112,13 @@ TEST_F(EdgeFitTest, AFewWrongPixelsDoNotMoveIt) {
 }
 
 TEST_F(EdgeFitTest, RefusesWhatIsNoEdge) {
-  EXPECT_FALSE(fitEdge({}, {}, options_));
+  EXPECT_FALSE(fitEdge(EdgeSamples{}, {}, options_));
   Truth truth;
   auto flat = render(truth, 3.0, &rng_);
-  for (EdgeSample& s : flat) s.grey = 90.0F;
+  flat.grey.fill(90.0F);
   EXPECT_FALSE(fitEdge(flat, {}, options_));
   auto inverted = render(truth, 3.0, &rng_);
-  for (EdgeSample& s : inverted) s.grey = 240.0F - s.grey;  // light inside, dark outside
+  for (float& grey : inverted.grey) grey = 240.0F - grey;  // light inside, dark outside
   EXPECT_FALSE(fitEdge(inverted, {}, options_));
 }
 

@@ -5,13 +5,13 @@
 #include <array>
 #include <cstdint>
 #include <optional>
-#include <vector>
 
 #include <Eigen/Core>
 
 #include "base/image_view.h"
 #include "slam/detection/dictionary.h"
 #include "slam/detection/edge_fit.h"
+#include "slam/detection/edge_samples.h"
 #include "slam/detection/marker_side.h"
 #include "slam/detection/undistortion_table.h"
 #include "slam/geometry/camera_model.h"
@@ -40,9 +40,12 @@ struct InnerRing {
 
   [[nodiscard]] static InnerRing of(const Dictionary& dictionary, int id);
 
-  // How white the ring is behind side `side` at print coordinate u (cells from the border's start),
-  // blurred by blur_cells.
-  [[nodiscard]] float whiteness(std::size_t side, double u, double blur_cells) const;
+  // Whether the cell after j whole ones is white, counted with the border: 0 or 1. Outside of the
+  // ring nothing is.
+  [[nodiscard]] float cell(std::size_t side, int j) const {
+    const int index = j - 1;
+    return index >= 0 && index < cells_per_side && ((white[side] >> index) & 1U) != 0 ? 1.0F : 0.0F;
+  }
 };
 
 struct RefinedQuad {
@@ -60,24 +63,31 @@ class EdgeRefiner {
   EdgeRefiner(const CameraModel& camera, const UndistortionTable& table,
               const EdgeRefinerOptions& options = {});
 
-  // `corners_px`: clockwise in the image, good to about a pixel and a half. `cells`: cells along a
-  // side with the border. `ring` (may be null) must be in the order of the corners. `blur_px`: the
-  // blur to start from, where it is known. Empty when a side has too little contrast or too few
-  // pixels, or runs away from the guess.
+  // `corners`: normalised, clockwise in the image, good to about a pixel and a half. `cells`: cells
+  // along a side with the border. `ring` (may be null: the code is not known, and the corners come
+  // out roughly) must be in the order of the corners. `blur_px`: the blur to start from, known when
+  // the corners are refined ones; without it they are refined roughly first. Empty when a side has
+  // too little contrast or too few pixels, or runs away from the guess.
   [[nodiscard]] std::optional<RefinedQuad> refine(const ImageView& image,
-                                                  const std::array<Eigen::Vector2d, 4>& corners_px,
+                                                  const std::array<Eigen::Vector2d, 4>& corners,
                                                   int cells, const InnerRing* ring,
                                                   std::optional<double> blur_px = {});
 
  private:
   // Fills samples_ with the pixels near a side.
   void collectSamples(const ImageView& image, const MarkerSide& side, std::size_t index,
-                      const InnerRing* ring, double blur_px);
+                      const InnerRing* ring, int rows, double blur_px);
+  // Their places in the image, and their grey levels.
+  void gather(const ImageView& image, const MarkerSide& side, double reach_px, int rows);
 
   const CameraModel& camera_;
   const UndistortionTable& table_;
   EdgeRefinerOptions options_;
-  std::vector<EdgeSample> samples_;  // reused from side to side
+  // Reused from side to side.
+  EdgeSamples samples_;
+  // By sample: from the side's start, normalised coordinates.
+  alignas(32) EdgeSamples::Field offset_x_;
+  alignas(32) EdgeSamples::Field offset_y_;
 };
 
 }  // namespace waymark::slam

@@ -2,7 +2,9 @@
 #pragma once
 
 #include <array>
+#include <cstdint>
 #include <optional>
+#include <vector>
 
 #include <Eigen/Core>
 
@@ -18,6 +20,23 @@ struct MarkerDecoderOptions {
   int max_wrong_bits = 2;
   // Cells of the black border that may read white, as a share of all of them.
   double max_wrong_border = 0.10;
+  // Where corners are only good to a pixel or two, more of them do on small markers: beyond this
+  // share a quad is no marker.
+  double max_wrong_rough_border = 0.35;
+  // Least mean difference between the border and what surrounds it, grey levels.
+  double min_contrast = 10.0;
+};
+
+// What a quadrilateral looks like.
+enum class QuadContent {
+  kNothing,  // no dark border on a lighter ground
+  kNoCode,   // a border, but no code of the dictionary that can be read with these corners
+  kMarker,
+};
+
+struct QuadReading {
+  QuadContent content = QuadContent::kNothing;
+  Dictionary::Match match;  // of a marker
 };
 
 class MarkerDecoder {
@@ -26,16 +45,24 @@ class MarkerDecoder {
   MarkerDecoder(const CameraModel& camera, const Dictionary& dictionary,
                 const MarkerDecoderOptions& options = {});
 
-  // `corners`: normalised, clockwise in the image, starting anywhere. black and white: the grey
-  // levels of border and surroundings. Empty when it is no marker of the dictionary.
-  [[nodiscard]] std::optional<Dictionary::Match> decode(
-      const ImageView& image, const std::array<Eigen::Vector2d, 4>& corners, double black,
-      double white) const;
+  // `corners`: normalised, clockwise in the image, starting anywhere.
+  [[nodiscard]] QuadReading read(const ImageView& image,
+                                 const std::array<Eigen::Vector2d, 4>& corners);
 
  private:
+  // Fills grey_ with the mean grey level of every cell, and of a ring of cells around the border.
+  // False when some of it is outside the image, or the quad is degenerate.
+  [[nodiscard]] bool sampleCells(const ImageView& image,
+                                 const std::array<Eigen::Vector2d, 4>& corners);
+  [[nodiscard]] double grey(int row, int column) const {
+    return grey_[static_cast<std::size_t>((row + 1) * (dictionary_.cells() + 2) + column + 1)];
+  }
+
   const CameraModel& camera_;
   const Dictionary& dictionary_;
   MarkerDecoderOptions options_;
+  std::vector<Eigen::Vector2d> centres_;  // of the cells, pixels; with the ring, row by row
+  std::vector<double> grey_;              // likewise
 };
 
 }  // namespace waymark::slam

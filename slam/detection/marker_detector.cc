@@ -22,6 +22,12 @@ Eigen::Vector2d centre(const MarkerDetection& d) {
 
 double diagonal(const MarkerDetection& d) { return (d.pixels[2] - d.pixels[0]).norm(); }
 
+// Nothing, and why.
+std::nullopt_t count(int* reason) {
+  ++*reason;
+  return std::nullopt;
+}
+
 }  // namespace
 
 MarkerDetector::MarkerDetector(const CameraModel& camera, Dictionary dictionary,
@@ -41,33 +47,68 @@ const std::vector<MarkerDetection>& MarkerDetector::detect(const ImageView& imag
   counters_ = {};
   for (const Quad& quad : scanner_.scan(image)) {
     ++counters_.quads;
-    const auto rough = refiner_.refine(image, quad, dictionary_.cells(), nullptr);
-    if (!rough) {
-      ++counters_.no_edge;
+    if (isKnown(quad)) {
+      ++counters_.doubled;
       continue;
     }
-    const auto match = decoder_.decode(image, rough->normalised, rough->black, rough->white);
-    if (!match) {
-      ++counters_.no_code;
-      continue;
-    }
-    const auto fine =
-        refiner_.refine(image, upright(rough->pixels, match->rotation), dictionary_.cells(),
-                        &rings_[static_cast<std::size_t>(match->id)], rough->blur_px);
-    if (!fine) {
-      ++counters_.no_edge;
-      continue;
-    }
-    MarkerDetection detection;
-    detection.id = match->id;
-    detection.hamming = match->hamming;
-    detection.pixels = fine->pixels;
-    detection.normalised = fine->normalised;
-    detection.covariance = fine->covariance;
-    detections_.push_back(detection);
+    if (const auto detection = examine(image, quad)) detections_.push_back(*detection);
   }
   removeRepeated();
   return detections_;
+}
+
+// Most codes can be read with the corners as they were found, and most of what is no marker looks
+// like none: exact corners are for markers. Small ones are read with better corners.
+std::optional<MarkerDetection> MarkerDetector::examine(const ImageView& image, const Quad& quad) {
+  Corners corners;
+  if (!undistort(quad, &corners)) return count(&counters_.no_edge);
+  std::optional<double> blur_px;
+  QuadReading reading = decoder_.read(image, corners);
+  if (reading.content == QuadContent::kNoCode) {
+    const auto rough = refiner_.refine(image, corners, dictionary_.cells(), nullptr);
+    if (!rough) return count(&counters_.no_edge);
+    corners = rough->normalised;
+    blur_px = rough->blur_px;
+    reading = decoder_.read(image, corners);
+  }
+  if (reading.content != QuadContent::kMarker) return count(&counters_.no_code);
+  const Dictionary::Match& match = reading.match;
+  const auto fine = refiner_.refine(image, upright(corners, match.rotation), dictionary_.cells(),
+                                    &rings_[static_cast<std::size_t>(match.id)], blur_px);
+  if (!fine) return count(&counters_.no_edge);
+  // What was read with rough corners has to stand with the exact ones.
+  const QuadReading again = decoder_.read(image, fine->normalised);
+  if (again.content != QuadContent::kMarker || again.match.id != match.id ||
+      again.match.rotation != 0) {
+    return count(&counters_.no_code);
+  }
+  MarkerDetection detection;
+  detection.id = match.id;
+  detection.hamming = again.match.hamming;
+  detection.pixels = fine->pixels;
+  detection.normalised = fine->normalised;
+  detection.covariance = fine->covariance;
+  return detection;
+}
+
+// The same marker found with another threshold.
+bool MarkerDetector::isKnown(const Quad& quad) const {
+  const Eigen::Vector2d middle = 0.25 * (quad[0] + quad[1] + quad[2] + quad[3]);
+  const double size = (quad[2] - quad[0]).norm() + (quad[3] - quad[1]).norm();
+  return std::ranges::any_of(detections_, [&](const MarkerDetection& known) {
+    const double known_size = diagonal(known) + (known.pixels[3] - known.pixels[1]).norm();
+    return (centre(known) - middle).norm() < 0.1 * known_size && size > 0.8 * known_size &&
+           size < 1.25 * known_size;
+  });
+}
+
+bool MarkerDetector::undistort(const Quad& quad, Corners* corners) const {
+  for (std::size_t k = 0; k < 4; ++k) {
+    const auto normalised = camera_.undistort(quad[k]);
+    if (!normalised) return false;
+    (*corners)[k] = *normalised;
+  }
+  return true;
 }
 
 void MarkerDetector::removeRepeated() {

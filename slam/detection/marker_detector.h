@@ -1,6 +1,8 @@
 // Detection: every marker of the dictionary in an image, with exact corners.
 #pragma once
 
+#include <array>
+#include <optional>
 #include <vector>
 
 #include "base/image_view.h"
@@ -24,8 +26,8 @@ struct DetectorOptions {
 struct DetectorCounters {
   int quads = 0;
   int no_edge = 0;   // a side had no clean edge
-  int no_code = 0;   // not in the dictionary
-  int doubled = 0;   // same id found again at the same place (inner and outer outline)
+  int no_code = 0;   // no border, or a code that is not in the dictionary
+  int doubled = 0;   // found again at the same place
   int repeated = 0;  // same id at another place: two prints, both left out
 };
 
@@ -42,6 +44,12 @@ class MarkerDetector {
   [[nodiscard]] const Dictionary& dictionary() const { return dictionary_; }
 
  private:
+  using Corners = std::array<Eigen::Vector2d, 4>;  // normalised
+
+  [[nodiscard]] std::optional<MarkerDetection> examine(const ImageView& image, const Quad& quad);
+  [[nodiscard]] bool isKnown(const Quad& quad) const;
+  // False when a corner is outside the lens's range.
+  [[nodiscard]] bool undistort(const Quad& quad, Corners* corners) const;
   void removeRepeated();
 
   const CameraModel& camera_;

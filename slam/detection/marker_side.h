@@ -31,11 +31,6 @@ struct MarkerSide {
   [[nodiscard]] double printCoordinate(double t) const {
     return cells * t / (t + perspective * (1.0 - t));
   }
-  // Pixels along the side per cell of the print, at t.
-  [[nodiscard]] double pixelsPerCell(double t) const {
-    const double d = t + perspective * (1.0 - t);
-    return length_px * d * d / (cells * perspective);
-  }
 };
 
 // `corners`: normalised, clockwise in the image; side k runs from corner k to corner k + 1.
