@@ -53,27 +53,54 @@ void pack(const std::uint8_t* flags, int words, std::uint64_t* bits) {
   }
 }
 
+void dropSpecks(const DarkMask& raw, DarkMask* mask) {
+  const int words = raw.wordsPerRow();
+  for (int y = 0; y < raw.height(); ++y) {
+    const std::uint64_t* const here = raw.row(y);
+    const std::uint64_t* const above = y > 0 ? raw.row(y - 1) : nullptr;
+    const std::uint64_t* const below = y + 1 < raw.height() ? raw.row(y + 1) : nullptr;
+    std::uint64_t* const out = mask->row(y);
+    for (int w = 0; w < words; ++w) {
+      const std::uint64_t left = here[w] << 1U | (w > 0 ? here[w - 1] >> 63U : 0U);
+      const std::uint64_t right = here[w] >> 1U | (w + 1 < words ? here[w + 1] << 63U : 0U);
+      const std::uint64_t over = above != nullptr ? above[w] : 0U;
+      const std::uint64_t under = below != nullptr ? below[w] : 0U;
+      out[w] = here[w] & (left | right) & (over | under);
+    }
+  }
+}
+
 }  // namespace
 
-DarkMask::DarkMask(const DarkMaskOptions& options)
-    : factor_(static_cast<std::uint16_t>(
-          std::lround(65536.0 * (1.0 - options.share) / (kWindow * kWindow)))),
-      offset_(static_cast<std::uint16_t>(std::lround(options.offset))) {}
-
 void DarkMask::resize(int width, int height) {
-  if (width == width_ && height == height_) return;
   width_ = width;
   height_ = height;
   words_per_row_ = (width + 63) / 64;
-  const auto row = static_cast<std::size_t>(words_per_row_);
-  column_.assign(static_cast<std::size_t>(width + 2 * kWindow), 0);
-  window_.assign(static_cast<std::size_t>(width + kWindow), 0);
-  flags_.assign(64 * row, 0);
-  raw_.assign(row * static_cast<std::size_t>(height), 0);
-  bits_.assign(row * static_cast<std::size_t>(height), 0);
+  bits_.assign(static_cast<std::size_t>(words_per_row_) * static_cast<std::size_t>(height), 0);
 }
 
-void DarkMask::make(const ImageView& image) {
+DarkMaskMaker::DarkMaskMaker(std::span<const DarkMaskOptions> thresholds)
+    : masks_(thresholds.size()) {
+  for (const DarkMaskOptions& options : thresholds) {
+    const double factor = 65536.0 * (1.0 - options.share) / (kWindow * kWindow);
+    thresholds_.push_back({static_cast<std::uint16_t>(std::lround(factor)),
+                           static_cast<std::uint16_t>(std::lround(options.offset)),
+                           {}});
+  }
+}
+
+void DarkMaskMaker::resize(int width, int height) {
+  if (width == width_ && height == height_) return;
+  width_ = width;
+  height_ = height;
+  for (Threshold& threshold : thresholds_) threshold.raw.resize(width, height);
+  for (DarkMask& mask : masks_) mask.resize(width, height);
+  column_.assign(static_cast<std::size_t>(width + 2 * kWindow), 0);
+  window_.assign(static_cast<std::size_t>(width + kWindow), 0);
+  flags_.assign(64 * static_cast<std::size_t>((width + 63) / 64), 0);
+}
+
+std::span<const DarkMask> DarkMaskMaker::make(const ImageView& image) {
   resize(image.width, image.height);
   // Beyond the image its outermost rows and columns go on.
   const auto rowNear = [&](int y) { return image.row(std::clamp(y, 0, height_ - 1)); };
@@ -88,27 +115,14 @@ void DarkMask::make(const ImageView& image) {
     std::fill_n(column - kBefore, kBefore, column[0]);
     std::fill_n(column + width_, kWindow, column[width_ - 1]);
     sumWindows(column - kBefore, width_, window_.data());
-    flagDark(image.row(y), window_.data(), width_, factor_, offset_, flags_.data());
-    pack(flags_.data(), words_per_row_, raw_.data() + y * words_per_row_);
-  }
-  dropSpecks();
-}
-
-void DarkMask::dropSpecks() {
-  const std::ptrdiff_t words = words_per_row_;
-  for (int y = 0; y < height_; ++y) {
-    const std::uint64_t* const here = raw_.data() + y * words;
-    const std::uint64_t* const above = here - (y > 0 ? words : 0);
-    const std::uint64_t* const below = here + (y + 1 < height_ ? words : 0);
-    std::uint64_t* const out = bits_.data() + y * words;
-    for (std::ptrdiff_t w = 0; w < words; ++w) {
-      const std::uint64_t left = here[w] << 1U | (w > 0 ? here[w - 1] >> 63U : 0U);
-      const std::uint64_t right = here[w] >> 1U | (w + 1 < words ? here[w + 1] << 63U : 0U);
-      const std::uint64_t over = y > 0 ? above[w] : 0U;
-      const std::uint64_t under = y + 1 < height_ ? below[w] : 0U;
-      out[w] = here[w] & (left | right) & (over | under);
+    for (Threshold& threshold : thresholds_) {
+      flagDark(image.row(y), window_.data(), width_, threshold.factor, threshold.offset,
+               flags_.data());
+      pack(flags_.data(), threshold.raw.wordsPerRow(), threshold.raw.row(y));
     }
   }
+  for (std::size_t i = 0; i < masks_.size(); ++i) dropSpecks(thresholds_[i].raw, &masks_[i]);
+  return masks_;
 }
 
 }  // namespace waymark::slam

@@ -2,8 +2,8 @@
 // starts from.
 #pragma once
 
-#include <array>
 #include <cstdint>
+#include <span>
 #include <vector>
 
 #include "base/image_view.h"
@@ -22,32 +22,47 @@ struct DarkMaskOptions {
 // the width are zero.
 class DarkMask {
  public:
-  explicit DarkMask(const DarkMaskOptions& options = {});
-
-  // The mask of an image. A dark pixel without a dark neighbour in its row, or in its column, is
-  // noise and left out.
-  void make(const ImageView& image);
+  void resize(int width, int height);
 
   [[nodiscard]] int width() const { return width_; }
   [[nodiscard]] int height() const { return height_; }
   [[nodiscard]] int wordsPerRow() const { return words_per_row_; }
   [[nodiscard]] const std::uint64_t* row(int y) const { return bits_.data() + y * words_per_row_; }
+  [[nodiscard]] std::uint64_t* row(int y) { return bits_.data() + y * words_per_row_; }
   [[nodiscard]] bool dark(int x, int y) const { return ((row(y)[x / 64] >> (x % 64)) & 1U) != 0; }
 
  private:
-  void resize(int width, int height);
-  void dropSpecks();
-
-  std::uint16_t factor_;  // of the window's sum, in 1/65536: gives the level without the offset
-  std::uint16_t offset_;
   int width_ = 0;
   int height_ = 0;
   int words_per_row_ = 0;
+  std::vector<std::uint64_t> bits_;
+};
+
+// Makes masks of an image, one for each of some thresholds; what they share is done once.
+class DarkMaskMaker {
+ public:
+  explicit DarkMaskMaker(std::span<const DarkMaskOptions> thresholds);
+
+  // In the order of the thresholds; valid until the next call. A dark pixel without a dark
+  // neighbour in its row, or in its column, is noise and left out.
+  std::span<const DarkMask> make(const ImageView& image);
+
+ private:
+  struct Threshold {
+    std::uint16_t factor;  // of the window's sum, in 1/65536: gives the level without the offset
+    std::uint16_t offset;
+    DarkMask raw;  // with the specks
+  };
+
+  void resize(int width, int height);
+
+  std::vector<Threshold> thresholds_;
+  std::vector<DarkMask> masks_;
+  int width_ = 0;
+  int height_ = 0;
   std::vector<std::uint16_t> column_;  // sums over the window's rows, padded
   std::vector<std::uint16_t> window_;  // sums over the whole window
   std::vector<std::uint8_t> flags_;    // of a row, one byte a pixel
-  std::vector<std::uint64_t> raw_;
-  std::vector<std::uint64_t> bits_;
 };
 
 }  // namespace waymark::slam

@@ -1,6 +1,8 @@
 #include "slam/detection/dark_mask.h"
 
 #include <algorithm>
+#include <array>
+#include <cmath>
 #include <random>
 #include <vector>
 
@@ -48,8 +50,8 @@ TEST(DarkMask, IsWhatItsDefinitionSays) {
   for (const int width : {64, 65, 97, 130}) {
     const Picture picture = noise(width, 40, static_cast<unsigned>(width));
     const DarkMaskOptions options{.share = 0.1, .offset = 5.0};
-    DarkMask mask(options);
-    mask.make(picture.view());
+    DarkMaskMaker maker(std::array{DarkMaskOptions{.share = 0.3, .offset = 9.0}, options});
+    const DarkMask& mask = maker.make(picture.view())[1];
     const auto dark = [&](int x, int y) {
       return x >= 0 && y >= 0 && x < width && y < 40 && isDark(picture, x, y, options);
     };
@@ -76,8 +78,8 @@ TEST(DarkMask, SquaresAreDarkInAnyLight) {
     for (int y = 20; y < 32; ++y) {
       for (int x = 30; x < 42; ++x) picture.at(x, y) = static_cast<std::uint8_t>(light / 4);
     }
-    DarkMask mask;
-    mask.make(picture.view());
+    DarkMaskMaker maker(std::array{DarkMaskOptions{}});
+    const DarkMask& mask = maker.make(picture.view())[0];
     int dark_pixels = 0;
     for (int y = 0; y < 60; ++y) {
       for (int x = 0; x < 80; ++x) dark_pixels += mask.dark(x, y) ? 1 : 0;
@@ -88,14 +90,14 @@ TEST(DarkMask, SquaresAreDarkInAnyLight) {
 }
 
 TEST(DarkMask, OfAnotherSizeNextTime) {
-  DarkMask mask;
-  mask.make(noise(100, 50, 1).view());
+  DarkMaskMaker maker(std::array{DarkMaskOptions{}});
+  (void)maker.make(noise(100, 50, 1).view());
   const Picture small = noise(33, 20, 2);
-  mask.make(small.view());
+  const DarkMask& mask = maker.make(small.view())[0];
   EXPECT_EQ(mask.width(), 33);
   EXPECT_EQ(mask.height(), 20);
-  DarkMask fresh;
-  fresh.make(small.view());
+  DarkMaskMaker fresh_maker(std::array{DarkMaskOptions{}});
+  const DarkMask& fresh = fresh_maker.make(small.view())[0];
   for (int y = 0; y < 20; ++y) {
     for (int x = 0; x < 33; ++x) EXPECT_EQ(mask.dark(x, y), fresh.dark(x, y));
   }

@@ -1,21 +1,18 @@
 #include "slam/detection/quad_scanner.h"
 
 #include <algorithm>
+#include <array>
 
 namespace waymark::slam {
 
 QuadScanner::QuadScanner(const QuadScannerOptions& options)
-    : strict_(options.strict),
-      lenient_(options.lenient),
+    : masks_(std::array{options.strict, options.lenient}),
       finder_(options.regions),
       fitter_(options.quads) {}
 
 const std::vector<Quad>& QuadScanner::scan(const ImageView& image) {
   quads_.clear();
-  for (DarkMask* mask : {&strict_, &lenient_}) {
-    mask->make(image);
-    collect(*mask);
-  }
+  for (const DarkMask& mask : masks_.make(image)) collect(mask);
   return quads_;
 }
 

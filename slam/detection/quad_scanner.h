@@ -30,8 +30,7 @@ class QuadScanner {
   void collect(const DarkMask& mask);
   [[nodiscard]] bool isKnown(const Quad& quad) const;
 
-  DarkMask strict_;
-  DarkMask lenient_;
+  DarkMaskMaker masks_;
   DarkRegionFinder finder_;
   RegionQuadFitter fitter_;
   std::vector<Quad> quads_;

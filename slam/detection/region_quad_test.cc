@@ -1,6 +1,7 @@
 #include "slam/detection/region_quad.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <numbers>
 #include <random>
@@ -42,15 +43,14 @@ class Picture {
   }
 
   std::span<const DarkRegion> regions() {
-    mask_.make({pixels_.data(), width_, height_, width_});
-    return finder_.find(mask_);
+    return finder_.find(masks_.make({pixels_.data(), width_, height_, width_})[0]);
   }
 
  private:
   int width_;
   std::vector<std::uint8_t> pixels_;
   int height_;
-  DarkMask mask_;
+  DarkMaskMaker masks_{std::array{DarkMaskOptions{}}};
   DarkRegionFinder finder_;
 };
 
