@@ -55,40 +55,62 @@ struct Darkness {
   Lanes by_blur;
 };
 
-bool anyBelow(const Lanes& lanes, float limit) {
-  float least = lanes[0];
-  for (std::size_t k = 1; k < kLanes; ++k) least = std::min(least, lanes[k]);
-  return least < limit;
+// Which of eight samples' steps are not plains: whether any is near the side before or after, or in
+// front of a white cell.
+struct Neighbours {
+  bool start;
+  bool end;
+  bool ring;
+};
+using BlockNeighbours = std::array<Neighbours, EdgeSamples::kCapacity / kLanes>;
+
+// blur: the largest that is to be reckoned with.
+void findNeighbours(const EdgeSamples& s, float blur, BlockNeighbours* blocks) {
+  constexpr float kFar = 3.5F;  // standard deviations beyond which a step is a plain
+  for (std::size_t i = 0; i < s.count; i += kLanes) {
+    Neighbours& block = (*blocks)[i / kLanes];
+    block = {};
+    for (std::size_t k = i; k < i + kLanes; ++k) {
+      block.start |= s.to_start[k] < kFar * blur;
+      block.end |= s.to_end[k] < kFar * blur;
+      block.ring |= s.ring_white[k] > 0.0F;
+    }
+  }
 }
 
-WAYMARK_INLINE void darknessAt(const EdgeSamples& s, std::size_t i, const Lanes& shift, float blur,
-                               Darkness* dark) {
-  constexpr float kFar = 4.5F;  // standard deviations beyond which a step is a plain
+WAYMARK_INLINE void darknessAt(const EdgeSamples& s, std::size_t i, const Neighbours& near,
+                               const Lanes& shift, float blur, Darkness* dark) {
   const float per_blur = 1.0F / blur;
-  Lanes factor = Lanes{} + 1.0F;
-  NormalLanes step;
-  for (const EdgeSamples::Field* end : {&s.to_start, &s.to_end}) {
-    const Lanes& distance = lanesAt(end->data(), i);
-    if (!anyBelow(distance, kFar * blur)) continue;
-    normalAt(distance * per_blur, &step);
-    factor *= step.cdf;
-  }
   const Lanes& distance = lanesAt(s.distance.data(), i);
-  const Lanes& ring = lanesAt(s.ring_white.data(), i);
-  if (anyBelow(-ring, 0.0F)) {
-    normalAt(-(distance + lanesAt(s.thickness.data(), i)) * per_blur, &step);
-    factor *= 1.0F - ring * step.cdf;
-  }
   const Lanes x = (shift - distance) * per_blur;
+  NormalLanes step;
   normalAt(x, &step);
-  dark->value = step.cdf * factor;
-  dark->by_shift = step.pdf * per_blur * factor;
+  dark->value = step.cdf;
+  dark->by_shift = step.pdf * per_blur;
+  if (near.start || near.end || near.ring) {
+    Lanes factor = Lanes{} + 1.0F;
+    if (near.start) {
+      normalAt(lanesAt(s.to_start.data(), i) * per_blur, &step);
+      factor *= step.cdf;
+    }
+    if (near.end) {
+      normalAt(lanesAt(s.to_end.data(), i) * per_blur, &step);
+      factor *= step.cdf;
+    }
+    if (near.ring) {
+      normalAt(-(distance + lanesAt(s.thickness.data(), i)) * per_blur, &step);
+      factor *= 1.0F - lanesAt(s.ring_white.data(), i) * step.cdf;
+    }
+    dark->value *= factor;
+    dark->by_shift *= factor;
+  }
   dark->by_blur = -dark->by_shift * x;
 }
 
 // cut: squared residual at which a pixel's weight has fallen to a half (Cauchy's kernel).
-WAYMARK_VECTORISED void linearise(const EdgeSamples& samples, const std::array<float, kUnknowns>& x,
-                                  float cut, NormalSums* sums) {
+WAYMARK_VECTORISED void linearise(const EdgeSamples& samples, const BlockNeighbours& neighbours,
+                                  const std::array<float, kUnknowns>& x, float cut,
+                                  NormalSums* sums) {
   std::array<Lanes, NormalSums::kTriangle> H{};
   std::array<Lanes, kUnknowns> g{};
   Lanes squares{};
@@ -100,7 +122,7 @@ WAYMARK_VECTORISED void linearise(const EdgeSamples& samples, const std::array<f
     const Lanes centred = t - 0.5F;
     const Lanes shift = x[kShiftStart] + t * (x[kShiftEnd] - x[kShiftStart]);
     Darkness dark;
-    darknessAt(samples, i, shift, x[kBlur], &dark);
+    darknessAt(samples, i, neighbours[i / kLanes], shift, x[kBlur], &dark);
     const Lanes light = 1.0F - dark.value;
     const Lanes model = light * (x[kWhite] + x[kWhiteSlope] * centred) +
                         dark.value * (x[kBlack] + x[kBlackSlope] * centred);
@@ -138,7 +160,7 @@ float pixelsIn(const EdgeSamples& samples) {
 std::optional<EdgeFit> fitEdge(const EdgeSamples& samples, const EdgeFit& start,
                                const EdgeFitOptions& options) {
   constexpr float kFewest = 16.0F;
-  constexpr double kConverged = 0.01;  // pixels: the next step would be a hundredth of it
+  constexpr double kConverged = 0.01;   // pixels: the next step would be a hundredth of it
   constexpr double kLongestStep = 1.5;  // pixels
   // Standard deviations of the priors that hold what a short edge cannot tell.
   constexpr double kSlopePrior = 10.0;  // grey levels from end to end
@@ -147,6 +169,9 @@ std::optional<EdgeFit> fitEdge(const EdgeSamples& samples, const EdgeFit& start,
 
   VectorU x;
   x << start.shift_start, start.shift_end, start.white, start.black, start.blur_px, 0.0, 0.0;
+  constexpr double kMostGrowth = 1.3;  // of the blur
+  BlockNeighbours neighbours;
+  findNeighbours(samples, static_cast<float>(kMostGrowth * start.blur_px), &neighbours);
   Eigen::LLT<MatrixU> factors;
   double variance = 1e9;  // nothing is an outlier yet
   for (int iteration = 0; iteration < options.iterations; ++iteration) {
@@ -156,7 +181,7 @@ std::optional<EdgeFit> fitEdge(const EdgeSamples& samples, const EdgeFit& start,
       xf[i] = static_cast<float>(x[static_cast<Eigen::Index>(i)]);
     }
     NormalSums sums;
-    linearise(samples, xf, cut, &sums);
+    linearise(samples, neighbours, xf, cut, &sums);
     MatrixU H = sums.matrix();
     VectorU g = sums.gradient();
     variance = sums.variance();
