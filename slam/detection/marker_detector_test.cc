@@ -1,0 +1,115 @@
+#include "slam/detection/marker_detector.h"
+
+#include <vector>
+
+#include <gtest/gtest.h>
+
+namespace waymark::slam {
+namespace {
+
+// A light wall on which markers are drawn upright or turned by quarters, with sharp edges.
+class Wall {
+ public:
+  explicit Wall(const CameraModel& camera)
+      : width_(camera.width()),
+        height_(camera.height()),
+        pixels_(static_cast<std::size_t>(width_) * static_cast<std::size_t>(height_), 210) {}
+
+  // `left` and `top`: the first pixel of the border.
+  void draw(const Dictionary& dictionary, int id, int left, int top, int cell_px,
+            int quarters = 0) {
+    const int cells = dictionary.cells();
+    for (int y = 0; y < cells * cell_px; ++y) {
+      for (int x = 0; x < cells * cell_px; ++x) {
+        int row = y / cell_px;
+        int column = x / cell_px;
+        for (int turn = 0; turn < quarters; ++turn) {
+          const int before = row;
+          row = cells - 1 - column;
+          column = before;
+        }
+        at(left + x, top + y) = dictionary.white(id, row, column) ? 200 : 30;
+      }
+    }
+  }
+  std::uint8_t& at(int x, int y) { return pixels_[static_cast<std::size_t>(y * width_ + x)]; }
+  [[nodiscard]] ImageView view() const { return {pixels_.data(), width_, height_, width_}; }
+
+ private:
+  int width_;
+  int height_;
+  std::vector<std::uint8_t> pixels_;
+};
+
+class MarkerDetectorTest : public ::testing::Test {
+ protected:
+  CameraModel camera_{
+      Calibration{.width = 640, .height = 480, .fx = 520.0, .fy = 520.0, .cx = 319.5, .cy = 239.5}};
+  Dictionary dictionary_ = *Dictionary::byName("ARUCO_MIP_36h12");
+  MarkerDetector detector_{camera_, dictionary_};
+  Wall wall_{camera_};
+};
+
+TEST_F(MarkerDetectorTest, CornersBeginAtThePrintsTopLeft) {
+  constexpr int kCell = 6;
+  const int side = kCell * dictionary_.cells();
+  wall_.draw(dictionary_, 3, 100, 80, kCell);
+  wall_.draw(dictionary_, 9, 300, 80, kCell, 1);
+  const auto& found = detector_.detect(wall_.view());
+  ASSERT_EQ(found.size(), 2U);
+  EXPECT_EQ(found[0].id, 3);
+  EXPECT_EQ(found[0].hamming, 0);
+  const Eigen::Vector2d left_top(100 - 0.5, 80 - 0.5);
+  EXPECT_LT((found[0].pixels[0] - left_top).norm(), 0.05);
+  EXPECT_LT((found[0].pixels[1] - left_top - Eigen::Vector2d(side, 0)).norm(), 0.05);
+  EXPECT_LT((found[0].pixels[3] - left_top - Eigen::Vector2d(0, side)).norm(), 0.05);
+  // Turned clockwise by a quarter, its top-left is at the top right.
+  EXPECT_EQ(found[1].id, 9);
+  EXPECT_LT((found[1].pixels[0] - Eigen::Vector2d(300 - 0.5 + side, 80 - 0.5)).norm(), 0.05);
+}
+
+TEST_F(MarkerDetectorTest, SmallMarkersAreRead) {
+  wall_.draw(dictionary_, 5, 100, 80, 2);
+  const auto& found = detector_.detect(wall_.view());
+  ASSERT_EQ(found.size(), 1U);
+  EXPECT_EQ(found[0].id, 5);
+}
+
+TEST_F(MarkerDetectorTest, OneIdTwiceIsNone) {
+  wall_.draw(dictionary_, 3, 100, 80, 6);
+  wall_.draw(dictionary_, 3, 300, 200, 6);
+  wall_.draw(dictionary_, 4, 300, 80, 6);
+  const auto& found = detector_.detect(wall_.view());
+  ASSERT_EQ(found.size(), 1U);
+  EXPECT_EQ(found[0].id, 4);
+  EXPECT_EQ(detector_.counters().repeated, 1);
+}
+
+TEST_F(MarkerDetectorTest, AWrongBitIsCorrectedAndCounted) {
+  wall_.draw(dictionary_, 3, 100, 80, 6);
+  const std::uint8_t grey = dictionary_.white(3, 2, 3) ? 30 : 200;
+  for (int y = 0; y < 6; ++y) {
+    for (int x = 0; x < 6; ++x) wall_.at(100 + 3 * 6 + x, 80 + 2 * 6 + y) = grey;
+  }
+  const auto& found = detector_.detect(wall_.view());
+  ASSERT_EQ(found.size(), 1U);
+  EXPECT_EQ(found[0].id, 3);
+  EXPECT_EQ(found[0].hamming, 1);
+}
+
+TEST_F(MarkerDetectorTest, WhatIsNoMarkerIsNotFound) {
+  for (int y = 80; y < 140; ++y) {  // a plain dark square
+    for (int x = 100; x < 160; ++x) wall_.at(x, y) = 30;
+  }
+  wall_.draw(*Dictionary::byName("5X5_1000"), 7, 300, 80, 8);
+  EXPECT_TRUE(detector_.detect(wall_.view()).empty());
+  EXPECT_EQ(detector_.counters().quads, 2);
+}
+
+TEST_F(MarkerDetectorTest, CutOffMarkersAreNotFound) {
+  wall_.draw(dictionary_, 3, camera_.width() - 48, 80, 6);  // up to the image's last column
+  EXPECT_TRUE(detector_.detect(wall_.view()).empty());
+}
+
+}  // namespace
+}  // namespace waymark::slam
