@@ -4,11 +4,13 @@
 #include <cstdint>
 #include <cstdio>
 #include <fstream>
+#include <optional>
 #include <span>
 #include <string>
 #include <vector>
 
 #include <CLI/CLI.hpp>
+#include <nlohmann/json.hpp>
 #include <unistd.h>
 
 #include "base/quantile.h"
@@ -16,6 +18,7 @@
 #include "bench/walk.h"
 #include "io/map_file.h"
 #include "io/number_text.h"
+#include "io/text_file.h"
 #include "simulator/observed_corners.h"
 #include "slam/geometry/align_points.h"
 #include "slam/slam.h"
@@ -30,6 +33,7 @@ struct Arguments {
   std::int64_t frames = 1'000'000;
   std::int64_t report_every = 100'000;
   double sigma_px = 0.1;
+  std::string json_file;
 };
 
 double residentMegabytes() {
@@ -58,23 +62,37 @@ std::vector<io::MarkerCorners> layoutOf(const Walk& walk) {
 }
 
 // Positions of a stretch against the truth, aligned by themselves; millimetres.
-std::string ateText(const Stretch& stretch) {
-  if (stretch.estimate.empty()) return "-";
+std::optional<double> ate_mm(const Stretch& stretch) {
+  if (stretch.estimate.empty()) return std::nullopt;
   const slam::Transform T = slam::alignPoints(stretch.estimate, stretch.truth);
   double sum_m = 0.0;
   for (std::size_t i = 0; i < stretch.truth.size(); ++i) {
     sum_m += (T * stretch.estimate[i] - stretch.truth[i]).norm();
   }
-  return io::fixed(1000.0 * sum_m / static_cast<double>(stretch.truth.size()), 3);
+  return 1000.0 * sum_m / static_cast<double>(stretch.truth.size());
 }
+
+// What is told of a stretch.
+struct Report {
+  std::int64_t frames = 0;  // since the start
+  std::size_t markers = 0;
+  std::size_t keyframes = 0;
+  double localised_percent = 0.0;
+  double mean_ms = 0.0;
+  double p99_ms = 0.0;
+  double max_ms = 0.0;
+  double resident_mb = 0.0;
+  std::optional<double> ate_mm;
+  std::optional<double> ace_mm;
+};
 
 void printHead() {
   std::printf("%9s %8s %9s %9s %9s %9s %9s %9s %9s %9s\n", "frames", "markers", "keyframes",
               "localised", "mean ms", "p99 ms", "max ms", "MB", "ATE mm", "ACE mm");
 }
 
-void print(std::int64_t frames, const slam::Slam& slam, std::span<const io::MarkerCorners> layout,
-           Stretch stretch) {
+Report reportOf(std::int64_t frames, const slam::Slam& slam,
+                std::span<const io::MarkerCorners> layout, Stretch stretch) {
   std::sort(stretch.cpu_ms.begin(), stretch.cpu_ms.end());
   const std::span<const double> sorted(stretch.cpu_ms);
   double sum_ms = 0.0;
@@ -82,12 +100,47 @@ void print(std::int64_t frames, const slam::Slam& slam, std::span<const io::Mark
   const auto count = static_cast<double>(sorted.size());
   const std::vector<io::MarkerCorners> map = io::posedMarkerCorners(slam.map());
   const auto errors = tools::compareMaps(layout, map);
+  Report report;
+  report.frames = frames;
+  report.markers = map.size();
+  report.keyframes = slam.map().keyframes().size();
+  report.localised_percent = 100.0 * static_cast<double>(stretch.estimate.size()) / count;
+  report.mean_ms = sum_ms / count;
+  report.p99_ms = quantile(sorted, 990);
+  report.max_ms = sorted.back();
+  report.resident_mb = residentMegabytes();
+  report.ate_mm = ate_mm(stretch);
+  if (errors) report.ace_mm = 1000.0 * errors->ace_m.mean;
+  return report;
+}
+
+void print(const Report& r) {
+  const auto text = [](const std::optional<double>& mm) { return mm ? io::fixed(*mm, 3) : "-"; };
   std::printf("%9lld %8zu %9zu %8.2f%% %9.4f %9.4f %9.4f %9.1f %9s %9s\n",
-              static_cast<long long>(frames), map.size(), slam.map().keyframes().size(),
-              100.0 * static_cast<double>(stretch.estimate.size()) / count, sum_ms / count,
-              quantile(sorted, 990), sorted.back(), residentMegabytes(), ateText(stretch).c_str(),
-              errors ? io::fixed(1000.0 * errors->ace_m.mean, 3).c_str() : "-");
+              static_cast<long long>(r.frames), r.markers, r.keyframes, r.localised_percent,
+              r.mean_ms, r.p99_ms, r.max_ms, r.resident_mb, text(r.ate_mm).c_str(),
+              text(r.ace_mm).c_str());
   std::fflush(stdout);
+}
+
+std::string jsonOf(std::span<const Report> reports) {
+  nlohmann::ordered_json all = nlohmann::ordered_json::array();
+  for (const Report& r : reports) {
+    const auto number = [](const std::optional<double>& mm) {
+      return mm ? nlohmann::ordered_json(*mm) : nlohmann::ordered_json();
+    };
+    all.push_back({{"frames", r.frames},
+                   {"markers", r.markers},
+                   {"keyframes", r.keyframes},
+                   {"localised_percent", r.localised_percent},
+                   {"mean_ms", r.mean_ms},
+                   {"p99_ms", r.p99_ms},
+                   {"max_ms", r.max_ms},
+                   {"resident_mb", r.resident_mb},
+                   {"ate_mm", number(r.ate_mm)},
+                   {"ace_mm", number(r.ace_mm)}});
+  }
+  return all.dump(1) + "\n";
 }
 
 tools::ExitCode run(const Arguments& arguments) {
@@ -111,6 +164,7 @@ tools::ExitCode run(const Arguments& arguments) {
   printHead();
 
   Stretch stretch;
+  std::vector<Report> reports;
   for (std::int64_t k = 0; k < arguments.frames; ++k) {
     const Walk::Frame& frame = walk.frames[static_cast<std::size_t>(k) % walk.frames.size()];
     const auto sequence = static_cast<std::uint64_t>(k);
@@ -125,8 +179,16 @@ tools::ExitCode run(const Arguments& arguments) {
       stretch.estimate.push_back(result.pose->T_w_c.p);
     }
     if ((k + 1) % arguments.report_every == 0 || k + 1 == arguments.frames) {
-      print(k + 1, slam, layout, std::move(stretch));
+      reports.push_back(reportOf(k + 1, slam, layout, std::move(stretch)));
+      print(reports.back());
       stretch = {};
+    }
+  }
+  if (!arguments.json_file.empty()) {
+    const Status written = io::writeTextFile(arguments.json_file, jsonOf(reports));
+    if (!written) {
+      std::fprintf(stderr, "long_run: %s\n", written.error().message.c_str());
+      return tools::kBadInput;
     }
   }
   return slam.counters().localized > 0 ? tools::kDone : tools::kNoPose;
@@ -150,6 +212,7 @@ int main(int argc, char** argv) {
   app.add_option("--report-every", arguments.report_every, "Frames between two lines")
       ->capture_default_str()
       ->check(CLI::PositiveNumber);
+  app.add_option("--json", arguments.json_file, "The lines as JSON, to this file");
   app.add_option("--sigma", arguments.sigma_px, "Noise of the corners, pixels")
       ->capture_default_str()
       ->check(CLI::PositiveNumber);

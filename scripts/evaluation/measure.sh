@@ -75,6 +75,15 @@ measure_corners() {
                           consistency}]}' "$work/corners.json" | write_json "$1"
 }
 
+# measure_long RUN FILE: very many frames of simulated corners.
+measure_long() {
+  local arguments
+  mapfile -t arguments < <(jq -r '.arguments[]' <<< "$1")
+  build/release/bench/long_run "${arguments[@]}" --json "$work/long.json" >&2
+  jq -n --argjson run "$1" --argjson made "$(provenance)" --slurpfile reports "$work/long.json" \
+    '{run: $run.name, made: $made, reports: $reports[0]}' | write_json "$2"
+}
+
 # reversed_images FROM TO: the images of a directory, last first, under new names.
 reversed_images() {
   local image i=0

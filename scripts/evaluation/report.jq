@@ -1,5 +1,6 @@
 # The tables of docs/results.md from the measured rows. Arguments: $plan (rows.json), $results (all
-# measured rows), $recordings (all measured recordings), $corners (or null), $header (text).
+# measured rows), $recordings (all measured recordings), $long (all measured long runs), $corners (or
+# null), $header (text).
 
 # Three digits; two of what is below 0.1.
 def digits: if . == null then "–"
@@ -114,6 +115,16 @@ def corner_table:
     [$corners.scenes[] | [.scene, .corners, .rms_px, .bias_x_px, .bias_y_px, .bias_outward_px,
                           .consistency]]), "Version \($corners.made.commit).", "" end;
 
+def long_table:
+  table(["run", "frames", "markers", "keyframes", "frames localised", "mean / p99 / longest frame, ms",
+         "memory, MB", "ATE, mm", "ACE, mm", "version"];
+    [$plan.long[] as $plan | first($long[] | select(.run == $plan.name)) // null
+      | if . == null then [$plan.what, "not measured"] + [range(8) | ""]
+        else .made.commit as $version | .reports[]
+          | [$plan.what, .frames, .markers, .keyframes, "\(.localised_percent | digits) %",
+             "\(.mean_ms | digits) / \(.p99_ms | digits) / \(.max_ms | digits)",
+             (.resident_mb | digits), (.ate_mm | digits), (.ace_mm | digits), $version] end]);
+
 def recording_missed($t):
   [ (select($t.markers and .stats.markers < $t.markers) | "markers"),
     (select($t.rms_px and .map_rms_px == null) | "RMS not measured"),
@@ -152,6 +163,9 @@ $text.table_2, "", table_2,
 "## Corners",
 "",
 $text.corners, "", corner_table,
+"## Very many frames, very many markers",
+"",
+$text.long, "", long_table,
 "## Real recordings",
 "",
 $text.recordings, "", recording_table
