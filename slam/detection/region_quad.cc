@@ -93,53 +93,54 @@ void RegionQuadFitter::fillNotches() {
   }
 }
 
+// The point strictly between two of the outline that is farthest outside of their line; how far,
+// times the line's length. `from` and 0 when there is none.
+RegionQuadFitter::Farthest RegionQuadFitter::farthestBetween(std::size_t from,
+                                                             std::size_t to) const {
+  Farthest farthest{from, 0.0};
+  for (std::size_t i = next(from); i != to; i = next(i)) {
+    const double distance = outside(outline_[from], outline_[to], outline_[i]);
+    if (distance > farthest.distance) farthest = {i, distance};
+  }
+  return farthest;
+}
+
+std::size_t RegionQuadFitter::farthestFrom(const Eigen::Vector2d& p) const {
+  const auto farthest = std::ranges::max_element(
+      outline_, {}, [&](const Eigen::Vector2d& q) { return (q - p).squaredNorm(); });
+  return static_cast<std::size_t>(farthest - outline_.begin());
+}
+
 // Farthest-point insertion, and then each vertex to where it makes the quad largest.
 std::optional<RegionQuadFitter::Vertices> RegionQuadFitter::findVertices() const {
-  const std::size_t n = outline_.size();
-  const auto farthestFrom = [&](const Eigen::Vector2d& p) {
-    std::size_t best = 0;
-    for (std::size_t i = 1; i < n; ++i) {
-      if ((outline_[i] - p).squaredNorm() > (outline_[best] - p).squaredNorm()) best = i;
-    }
-    return best;
-  };
-  // The point strictly between two of the outline that is farthest outside of their line.
-  const auto farthestBetween = [&](std::size_t from, std::size_t to) {
-    const Eigen::Vector2d& a = outline_[from];
-    const Eigen::Vector2d& b = outline_[to];
-    std::pair<double, std::size_t> best{0.0, from};
-    for (std::size_t i = (from + 1) % n; i != to; i = (i + 1) % n) {
-      const double distance = outside(a, b, outline_[i]);
-      if (distance > best.first) best = {distance, i};
-    }
-    return best;
-  };
-  Eigen::Vector2d centre = Eigen::Vector2d::Zero();
-  for (const Eigen::Vector2d& p : outline_) centre += p / static_cast<double>(n);
-  std::vector<std::size_t> found = {farthestFrom(centre)};
-  found.push_back(farthestFrom(outline_[found[0]]));
-  while (found.size() < 4) {
-    std::pair<double, std::size_t> best{0.0, 0};
+  Eigen::Vector2d middle = Eigen::Vector2d::Zero();
+  for (const Eigen::Vector2d& p : outline_) middle += p / static_cast<double>(outline_.size());
+  Vertices found{};
+  found[0] = farthestFrom(middle);
+  found[1] = farthestFrom(outline_[found[0]]);
+  for (std::size_t count = 2; count < found.size(); ++count) {
+    Farthest best{0, 0.0};
     std::size_t place = 0;
-    for (std::size_t k = 0; k < found.size(); ++k) {
-      const std::size_t next = found[(k + 1) % found.size()];
-      auto candidate = farthestBetween(found[k], next);
-      candidate.first /= (outline_[next] - outline_[found[k]]).norm() + 1e-9;
-      if (candidate.first <= best.first) continue;
+    for (std::size_t k = 0; k < count; ++k) {
+      const std::size_t after = found[(k + 1) % count];
+      Farthest candidate = farthestBetween(found[k], after);
+      candidate.distance /= (outline_[after] - outline_[found[k]]).norm() + 1e-9;
+      if (candidate.distance <= best.distance) continue;
       best = candidate;
       place = k + 1;
     }
-    if (best.first == 0.0) return std::nullopt;
-    found.insert(found.begin() + static_cast<std::ptrdiff_t>(place), best.second);
+    if (best.distance == 0.0) return std::nullopt;
+    std::copy_backward(found.begin() + place, found.begin() + count, found.begin() + count + 1);
+    found[place] = best.index;
   }
   constexpr int kRounds = 2;
   for (int round = 0; round < kRounds; ++round) {
     for (std::size_t k = 0; k < 4; ++k) {
-      const auto better = farthestBetween(found[(k + 3) % 4], found[(k + 1) % 4]);
-      if (better.first > 0.0) found[k] = better.second;
+      const Farthest better = farthestBetween(found[(k + 3) % 4], found[(k + 1) % 4]);
+      if (better.distance > 0.0) found[k] = better.index;
     }
   }
-  return Vertices{found[0], found[1], found[2], found[3]};
+  return found;
 }
 
 bool RegionQuadFitter::sidesAreStraight(const Vertices& vertices) const {
@@ -152,7 +153,7 @@ bool RegionQuadFitter::sidesAreStraight(const Vertices& vertices) const {
     const Eigen::Vector2d& a = outline_[vertices[k]];
     const Eigen::Vector2d& b = outline_[vertices[(k + 1) % 4]];
     const double limit = tolerance * (b - a).norm();
-    for (std::size_t i = vertices[k]; i != vertices[(k + 1) % 4]; i = (i + 1) % outline_.size()) {
+    for (std::size_t i = vertices[k]; i != vertices[(k + 1) % 4]; i = next(i)) {
       if (std::abs(outside(a, b, outline_[i])) > limit) return false;
     }
   }
@@ -169,15 +170,14 @@ Eigen::Vector3d RegionQuadFitter::fitSide(std::size_t from, std::size_t to) cons
   const Eigen::Vector2d along = chord / length;
   LineMoments moments;
   const auto position = [&](std::size_t i) { return (outline_[i] - start).dot(along) / length; };
-  for (std::size_t i = from; i != to; i = (i + 1) % outline_.size()) {
-    const std::size_t next = (i + 1) % outline_.size();
+  for (std::size_t i = from; i != to; i = next(i)) {
     const double s = position(i);
-    const double t = position(next);
+    const double t = position(next(i));
     const double low = std::max(s, kEnd);
     const double high = std::min(t, 1.0 - kEnd);
     if (!(high > low)) continue;
     const auto at = [&](double u) -> Eigen::Vector2d {
-      return outline_[i] + (u - s) / (t - s) * (outline_[next] - outline_[i]);
+      return outline_[i] + (u - s) / (t - s) * (outline_[next(i)] - outline_[i]);
     };
     moments.add(at(low), at(high));
   }

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <array>
+#include <cstddef>
 #include <optional>
 #include <vector>
 
@@ -34,9 +35,18 @@ class RegionQuadFitter {
  private:
   // Indices into outline_, in its order.
   using Vertices = std::array<std::size_t, 4>;
+  struct Farthest {
+    std::size_t index;
+    double distance;
+  };
 
   void traceOutline(const DarkRegion& region);
   void fillNotches();
+  [[nodiscard]] std::size_t next(std::size_t i) const {
+    return i + 1 == outline_.size() ? 0 : i + 1;
+  }
+  [[nodiscard]] std::size_t farthestFrom(const Eigen::Vector2d& p) const;
+  [[nodiscard]] Farthest farthestBetween(std::size_t from, std::size_t to) const;
   [[nodiscard]] std::optional<Vertices> findVertices() const;
   [[nodiscard]] bool sidesAreStraight(const Vertices& vertices) const;
   [[nodiscard]] bool isSupported(const Quad& quad) const;
