@@ -44,25 +44,29 @@ void hangInRoom(const Build& build, const RoomBox& room, RoomFace far_wall, doub
   hangRow(build, besideDoor(normal_x, 1.0), 5, kLow, kHigh, random);
 }
 
-// Half of the way: through the door into the second room, round it looking at the walls, and back
-// to the door. The other half is this one turned by half a turn, for the first room.
+// Half of the way: out of the door, round the second room looking at its walls, at the one with the
+// door last, and back into the door. The other half is its mirror image in the first room. In the
+// door the camera looks at the walls to the south of both rooms: the nearest markers that can be
+// read in a small image.
 ClosedSpline way() {
   struct Stop {
     double x, y, yaw_deg;
   };
-  constexpr Stop kHalf[] = {
-      {0.0, 0.0, 0.0},    {0.9, -0.05, -10.0}, {1.6, -0.5, -45.0}, {2.2, -1.2, -75.0},
-      {3.0, -1.6, -88.0}, {3.9, -1.7, -85.0},  {4.7, -1.4, -55.0}, {5.2, -0.7, -25.0},
-      {5.3, 0.1, 5.0},    {5.1, 0.9, 40.0},    {4.5, 1.5, 70.0},   {3.6, 1.7, 88.0},
-      {2.8, 1.6, 100.0},  {2.1, 1.2, 125.0},   {1.7, 0.6, 150.0},  {1.0, 0.05, 172.0}};
+  constexpr Stop kHalf[] = {{0.0, 0.0, -90.0},  {0.7, -0.1, -88.0}, {1.4, -0.5, -82.0},
+                            {2.2, -1.0, -78.0}, {3.0, -1.4, -85.0}, {3.9, -1.5, -80.0},
+                            {4.7, -1.3, -50.0}, {5.2, -0.7, -20.0}, {5.3, 0.1, 5.0},
+                            {5.1, 0.9, 40.0},   {4.5, 1.4, 70.0},   {3.7, 1.6, 92.0},
+                            {2.9, 1.5, 115.0},  {2.5, 1.0, 150.0},  {2.4, 0.2, 185.0},
+                            {2.2, -0.6, 212.0}, {1.7, -0.8, 230.0}, {0.9, -0.25, 255.0}};
   std::vector<Vector4d> knots;
-  for (const double sign : {1.0, -1.0}) {
+  for (const bool mirrored : {false, true}) {
     for (const Stop& stop : kHalf) {
-      const double degrees = stop.yaw_deg + (sign > 0.0 ? 0.0 : 180.0);
-      knots.emplace_back(sign * stop.x, sign * stop.y, degrees * std::numbers::pi / 180.0, 0.0);
+      const double x = mirrored ? -stop.x : stop.x;
+      const double degrees = mirrored ? 180.0 - stop.yaw_deg : stop.yaw_deg;
+      knots.emplace_back(x, stop.y, degrees * std::numbers::pi / 180.0, 0.0);
     }
   }
-  return ClosedSpline(knots, Vector4d(0.0, 0.0, 2.0 * std::numbers::pi, 0.0));
+  return ClosedSpline(knots, Vector4d::Zero());
 }
 
 }  // namespace
@@ -87,7 +91,8 @@ void buildLab(const Build& build) {
   const Sway sway(build.seed, duration,
                   {.position_m = 0.08, .yaw = 0.15, .pitch = 0.10, .roll = 0.08});
   build.scene->trajectory = [=, way = way()](double t) {
-    const Vector4d at = way.at(rounds * t / duration);
+    constexpr double kStart = 0.25;  // in the second room, half-way round
+    const Vector4d at = way.at(kStart + rounds * t / duration);
     constexpr double kEyeHeight = 1.5;  // metres
     return cameraPose(sway.apply({{at.x(), at.y(), kEyeHeight}, at.z(), 0.0, 0.0}, t));
   };
