@@ -1,5 +1,6 @@
 #include "simulator/live_source.h"
 
+#include <cstddef>
 #include <cstdint>
 #include <filesystem>
 #include <map>
@@ -44,7 +45,8 @@ TEST(LiveSource, PlaysTheLoopInRealTime) {
     EXPECT_NEAR(static_cast<double>(stamp.monotonic_ns - first_ns),
                 static_cast<double>(stamp.sequence) * 20e6, 2.0);
     const ImageView image = (*frame)->image();
-    loop[stamp.sequence].assign(image.data, image.data + image.width * image.height);
+    const std::ptrdiff_t pixels = std::ptrdiff_t{image.width} * image.height;
+    loop[stamp.sequence].assign(image.data, image.data + pixels);
   }
   const capture::SourceCounters counters = (*source)->counters();
   EXPECT_EQ(counters.frames, 25U);

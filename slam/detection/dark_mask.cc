@@ -42,9 +42,9 @@ WAYMARK_VECTORISED void flagDark(const std::uint8_t* grey, const std::uint16_t* 
 
 // Eight flags to eight bits: each product brings flag i to bit 56 + i.
 void pack(const std::uint8_t* flags, int words, std::uint64_t* bits) {
-  for (int w = 0; w < words; ++w) {
+  for (std::ptrdiff_t w = 0; w < words; ++w) {
     std::uint64_t word = 0;
-    for (int k = 0; k < 8; ++k) {
+    for (std::ptrdiff_t k = 0; k < 8; ++k) {
       std::uint64_t eight = 0;
       std::memcpy(&eight, flags + 64 * w + 8 * k, 8);
       word |= (eight * 0x0102040810204080U >> 56U) << static_cast<unsigned>(8 * k);
@@ -95,8 +95,8 @@ void DarkMaskMaker::resize(int width, int height) {
   height_ = height;
   for (Threshold& threshold : thresholds_) threshold.raw.resize(width, height);
   for (DarkMask& mask : masks_) mask.resize(width, height);
-  column_.assign(static_cast<std::size_t>(width + 2 * kWindow), 0);
-  window_.assign(static_cast<std::size_t>(width + kWindow), 0);
+  column_.assign(static_cast<std::size_t>(width) + std::size_t{2 * kWindow}, 0);
+  window_.assign(static_cast<std::size_t>(width) + std::size_t{kWindow}, 0);
   flags_.assign(64 * static_cast<std::size_t>((width + 63) / 64), 0);
 }
 

@@ -2,6 +2,7 @@
 // starts from.
 #pragma once
 
+#include <cstddef>
 #include <cstdint>
 #include <span>
 #include <vector>
@@ -26,7 +27,7 @@ class DarkMask {
 
   [[nodiscard]] int width() const { return width_; }
   [[nodiscard]] int height() const { return height_; }
-  [[nodiscard]] int wordsPerRow() const { return words_per_row_; }
+  [[nodiscard]] int wordsPerRow() const { return static_cast<int>(words_per_row_); }
   [[nodiscard]] const std::uint64_t* row(int y) const { return bits_.data() + y * words_per_row_; }
   [[nodiscard]] std::uint64_t* row(int y) { return bits_.data() + y * words_per_row_; }
   [[nodiscard]] bool dark(int x, int y) const { return ((row(y)[x / 64] >> (x % 64)) & 1U) != 0; }
@@ -34,7 +35,7 @@ class DarkMask {
  private:
   int width_ = 0;
   int height_ = 0;
-  int words_per_row_ = 0;
+  std::ptrdiff_t words_per_row_ = 0;
   std::vector<std::uint64_t> bits_;
 };
 

@@ -106,14 +106,16 @@ void DarkRegionFinder::collectRegions(int width, int height) {
   for (Box& box : boxes_) {
     if (!mayBeMarker(box, width, height)) continue;
     box.first_row = static_cast<int>(rows_.size());
-    rows_.resize(rows_.size() + static_cast<std::size_t>(box.bottom - box.top + 1), kNone);
+    const int count = box.bottom - box.top + 1;
+    rows_.resize(rows_.size() + static_cast<std::size_t>(count), kNone);
   }
   for (std::size_t y = 0; y + 1 < first_run_.size(); ++y) {
     for (std::int32_t i = first_run_[y]; i < first_run_[y + 1]; ++i) {
       const Run& run = runs_[static_cast<std::size_t>(i)];
       const Box& box = boxes_[static_cast<std::size_t>(run.region)];
       if (box.first_row < 0) continue;
-      Extent& row = rows_[static_cast<std::size_t>(box.first_row + static_cast<int>(y) - box.top)];
+      const int index = box.first_row + static_cast<int>(y) - box.top;
+      Extent& row = rows_[static_cast<std::size_t>(index)];
       row.left = std::min(row.left, run.extent.left);
       row.right = std::max(row.right, run.extent.right);
     }

@@ -48,7 +48,8 @@ bool MarkerDecoder::sampleCells(const ImageView& image,
   for (int row = 0; row < side; ++row) {
     for (int column = 0; column < side; ++column) {
       const auto centre = [&](int r, int c) -> const Eigen::Vector2d& {
-        return centres_[static_cast<std::size_t>(r * side + c)];
+        const int index = r * side + c;
+        return centres_[static_cast<std::size_t>(index)];
       };
       const int left = std::max(column - 1, 0);
       const int right = std::min(column + 1, side - 1);

@@ -55,7 +55,8 @@ class MarkerDecoder {
   [[nodiscard]] bool sampleCells(const ImageView& image,
                                  const std::array<Eigen::Vector2d, 4>& corners);
   [[nodiscard]] double grey(int row, int column) const {
-    return grey_[static_cast<std::size_t>((row + 1) * (dictionary_.cells() + 2) + column + 1)];
+    const int index = (row + 1) * (dictionary_.cells() + 2) + column + 1;
+    return grey_[static_cast<std::size_t>(index)];
   }
 
   const CameraModel& camera_;

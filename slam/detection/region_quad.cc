@@ -50,7 +50,7 @@ std::optional<Quad> RegionQuadFitter::fit(const DarkRegion& region) {
   fillNotches();
   const auto vertices = findVertices();
   if (!vertices || !sidesAreStraight(*vertices)) return std::nullopt;
-  const auto quad = intersectSides(*vertices);
+  auto quad = intersectSides(*vertices);
   if (!quad || !isSupported(*quad)) return std::nullopt;
   return quad;
 }
