@@ -47,133 +47,187 @@ struct NormalSums {
   }
 };
 
-// How dark the model is at eight samples (1 = the border's grey level, 0 = the surroundings') and
-// its derivatives.
-struct Darkness {
-  Lanes value;
-  Lanes by_shift;
-  Lanes by_blur;
-};
-
-// Which of eight samples' steps are not plains: whether any is near the side before or after, or in
-// front of a white cell.
+// Which steps of eight rows are not plains: whether any of their samples is near the side before or
+// after, or in front of a white cell.
 struct Neighbours {
   bool start;
   bool end;
   bool ring;
 };
-using BlockNeighbours = std::array<Neighbours, EdgeSamples::kCapacity / kLanes>;
+using GroupNeighbours = std::array<Neighbours, EdgeRows::kMostRows / kLanes>;
 
-// blur: the largest that is to be reckoned with.
-void findNeighbours(const EdgeSamples& s, float blur, BlockNeighbours* blocks) {
-  constexpr float kFar = 3.5F;  // standard deviations beyond which a step is a plain
-  for (std::size_t i = 0; i < s.count; i += kLanes) {
-    Neighbours& block = (*blocks)[i / kLanes];
-    block = {};
-    for (std::size_t k = i; k < i + kLanes; ++k) {
-      block.start |= s.to_start[k] < kFar * blur;
-      block.end |= s.to_end[k] < kFar * blur;
-      block.ring |= s.ring_white[k] > 0.0F;
+// blur_px: the largest that is to be reckoned with.
+void findNeighbours(const EdgeRows& rows, float blur_px, GroupNeighbours* groups) {
+  const float reach = kBlurReach * blur_px;
+  const auto last = static_cast<float>(rows.across() - 1);
+  for (std::size_t first = 0; first < rows.rows(); first += kLanes) {
+    Neighbours& group = (*groups)[first / kLanes];
+    group = {};
+    for (std::size_t i = first; i < first + kLanes; ++i) {
+      if (rows.innermost[i] > rows.outermost[i]) continue;  // nothing counts
+      group.start |= rows.to_start[i] + std::min(0.0F, last * rows.to_start_step) < reach;
+      group.end |= rows.to_end[i] + std::min(0.0F, last * rows.to_end_step) < reach;
+      group.ring |= rows.ring_white[i] > 0.0F && rows.thickness[i] + rows.innermost[i] < reach;
     }
   }
 }
 
-WAYMARK_INLINE void darknessAt(const EdgeSamples& s, std::size_t i, const Neighbours& near,
-                               const Lanes& shift, float blur, Darkness* dark) {
-  const float per_blur = 1.0F / blur;
-  const Lanes& distance = lanesAt(s.distance.data(), i);
-  const Lanes x = (shift - distance) * per_blur;
-  NormalLanes step;
-  normalAt(x, &step);
-  dark->value = step.cdf;
-  dark->by_shift = step.pdf * per_blur;
-  if (near.start || near.end || near.ring) {
-    Lanes factor = Lanes{} + 1.0F;
-    if (near.start) {
-      normalAt(lanesAt(s.to_start.data(), i) * per_blur, &step);
-      factor *= step.cdf;
-    }
-    if (near.end) {
-      normalAt(lanesAt(s.to_end.data(), i) * per_blur, &step);
-      factor *= step.cdf;
-    }
-    if (near.ring) {
-      normalAt(-(distance + lanesAt(s.thickness.data(), i)) * per_blur, &step);
-      factor *= 1.0F - lanesAt(s.ring_white.data(), i) * step.cdf;
-    }
-    dark->value *= factor;
-    dark->by_shift *= factor;
-  }
-  dark->by_blur = -dark->by_shift * x;
-}
+// Sums over the samples of eight rows: what the normal equations are made of. s, l, d and b are the
+// derivatives by shift, white, black and blur; r is the residual.
+struct RowSums {
+  Lanes ss{}, sl{}, sd{}, sb{}, ll{}, ld{}, dd{}, lb{}, db{}, bb{};
+  Lanes sr{}, lr{}, dr{}, br{};
+  Lanes rr{}, weights{};
+};
 
-// cut: squared residual at which a pixel's weight has fallen to a half (Cauchy's kernel).
-WAYMARK_VECTORISED void linearise(const EdgeSamples& samples, const BlockNeighbours& neighbours,
-                                  const std::array<float, kUnknowns>& x, float cut,
-                                  NormalSums* sums) {
+// The sums of all rows, each row's t put in.
+struct LaneSums {
   std::array<Lanes, NormalSums::kTriangle> H{};
   std::array<Lanes, kUnknowns> g{};
   Lanes squares{};
   Lanes weights{};
-  const float contrast = x[kBlack] - x[kWhite];
-  const float per_cut = 1.0F / cut;
-  for (std::size_t i = 0; i < samples.count; i += kLanes) {
-    const Lanes& t = lanesAt(samples.t.data(), i);
-    const Lanes centred = t - 0.5F;
-    const Lanes shift = x[kShiftStart] + t * (x[kShiftEnd] - x[kShiftStart]);
-    Darkness dark;
-    darknessAt(samples, i, neighbours[i / kLanes], shift, x[kBlur], &dark);
-    const Lanes light = 1.0F - dark.value;
-    const Lanes model = light * (x[kWhite] + x[kWhiteSlope] * centred) +
-                        dark.value * (x[kBlack] + x[kBlackSlope] * centred);
-    const Lanes residual = model - lanesAt(samples.grey.data(), i);
-    const Lanes weight = lanesAt(samples.weight.data(), i) / (1.0F + residual * residual * per_cut);
-    const Lanes by_shift = contrast * dark.by_shift;
-    const std::array<Lanes, kUnknowns> J = {
-        by_shift * (1.0F - t), by_shift * t,        light, dark.value, contrast * dark.by_blur,
-        light * centred,       dark.value * centred};
-    std::size_t k = 0;
-#pragma GCC unroll 7
-    for (std::size_t row = 0; row < kUnknowns; ++row) {
-      const Lanes weighted = weight * J[row];
-      g[row] += residual * weighted;
-#pragma GCC unroll 7
-      for (std::size_t column = 0; column <= row; ++column) H[k++] += weighted * J[column];
-    }
-    squares += weight * residual * residual;
-    weights += weight;
-  }
-  for (std::size_t k = 0; k < H.size(); ++k) sums->H[k] = sumOf(H[k]);
-  for (std::size_t k = 0; k < g.size(); ++k) sums->g[k] = sumOf(g[k]);
-  sums->squares = sumOf(squares);
-  sums->weights = sumOf(weights);
+};
+
+WAYMARK_INLINE void addRows(const RowSums& s, const Lanes& t, LaneSums* sums) {
+  const Lanes u = 1.0F - t;
+  const Lanes c = t - 0.5F;
+  const Lanes cc = c * c;
+  const std::array<Lanes, NormalSums::kTriangle> H = {
+      u * u * s.ss,                                                         // shift at start
+      u * t * s.ss, t * t * s.ss,                                           // at end
+      u * s.sl,     t * s.sl,     s.ll,                                     // white
+      u * s.sd,     t * s.sd,     s.ld,     s.dd,                           // black
+      u * s.sb,     t * s.sb,     s.lb,     s.db,     s.bb,                 // blur
+      c * u * s.sl, c * t * s.sl, c * s.ll, c * s.ld, c * s.lb, cc * s.ll,  // white's slope
+      c * u * s.sd, c * t * s.sd, c * s.ld, c * s.dd, c * s.db, cc * s.ld, cc * s.dd};
+  const std::array<Lanes, kUnknowns> g = {u * s.sr, t * s.sr, s.lr, s.dr, s.br, c * s.lr, c * s.dr};
+  for (std::size_t k = 0; k < H.size(); ++k) sums->H[k] += H[k];
+  for (std::size_t k = 0; k < g.size(); ++k) sums->g[k] += g[k];
+  sums->squares += s.rr;
+  sums->weights += s.weights;
 }
 
-float pixelsIn(const EdgeSamples& samples) {
-  float pixels = 0.0F;
-  for (std::size_t i = 0; i < samples.count; ++i) pixels += samples.weight[i];
+// cut: squared residual at which a pixel's weight has fallen to a half (Cauchy's kernel).
+WAYMARK_VECTORISED void linearise(const EdgeRows& rows, const GroupNeighbours& neighbours,
+                                  const std::array<float, kUnknowns>& x, float cut,
+                                  NormalSums* normal) {
+  const float contrast = x[kBlack] - x[kWhite];
+  const float per_cut = 1.0F / cut;
+  const float per_blur = 1.0F / x[kBlur];
+  const Lanes none{};
+  LaneSums sums;
+  for (std::size_t i = 0; i < rows.rows(); i += kLanes) {
+    const Neighbours& near = neighbours[i / kLanes];
+    const Lanes t = lanesAt(rows.t.data(), i);
+    const Lanes white = x[kWhite] + x[kWhiteSlope] * (t - 0.5F);
+    const Lanes black = x[kBlack] + x[kBlackSlope] * (t - 0.5F);
+    const Lanes shift = x[kShiftStart] + t * (x[kShiftEnd] - x[kShiftStart]);
+    const Lanes step = lanesAt(rows.step.data(), i);
+    const Lanes innermost = lanesAt(rows.innermost.data(), i);
+    const Lanes outermost = lanesAt(rows.outermost.data(), i);
+    const float* const grey = rows.grey(i);
+    Lanes distance = lanesAt(rows.distance.data(), i);
+    Lanes to_start = lanesAt(rows.to_start.data(), i);
+    Lanes to_end = lanesAt(rows.to_end.data(), i);
+    RowSums s;
+    for (std::size_t k = 0; k < rows.across(); ++k) {
+      const Lanes place = (shift - distance) * per_blur;
+      BlurredStep<Lanes> edge;
+      blurredStepAt(place, &edge);
+      Lanes dark = edge.height;
+      Lanes by_shift = edge.slope * (contrast * per_blur);
+      if (near.start || near.end || near.ring) {
+        Lanes factor = none + 1.0F;
+        if (near.start) {
+          blurredStepAt(to_start * per_blur, &edge);
+          factor *= edge.height;
+        }
+        if (near.end) {
+          blurredStepAt(to_end * per_blur, &edge);
+          factor *= edge.height;
+        }
+        if (near.ring) {
+          blurredStepAt(-(distance + lanesAt(rows.thickness.data(), i)) * per_blur, &edge);
+          factor *= 1.0F - lanesAt(rows.ring_white.data(), i) * edge.height;
+        }
+        dark *= factor;
+        by_shift *= factor;
+      }
+      const Lanes light = 1.0F - dark;
+      const Lanes by_blur = -by_shift * place;
+      const Lanes residual = light * white + dark * black - lanesAt(grey, k * kLanes);
+      const IntLanes counts = (distance >= innermost) & (distance <= outermost);
+      const Lanes robust = 1.0F / (1.0F + residual * residual * per_cut);
+      const Lanes weight = counts ? robust : none;
+      const Lanes ws = weight * by_shift;
+      const Lanes wl = weight * light;
+      const Lanes wd = weight * dark;
+      const Lanes wb = weight * by_blur;
+      s.ss += ws * by_shift;
+      s.sl += ws * light;
+      s.sd += ws * dark;
+      s.sb += ws * by_blur;
+      s.ll += wl * light;
+      s.ld += wl * dark;
+      s.dd += wd * dark;
+      s.lb += wl * by_blur;
+      s.db += wd * by_blur;
+      s.bb += wb * by_blur;
+      s.sr += ws * residual;
+      s.lr += wl * residual;
+      s.dr += wd * residual;
+      s.br += wb * residual;
+      s.rr += weight * residual * residual;
+      s.weights += weight;
+      distance += step;
+      to_start += rows.to_start_step;
+      to_end += rows.to_end_step;
+    }
+    addRows(s, t, &sums);
+  }
+  for (std::size_t k = 0; k < sums.H.size(); ++k) normal->H[k] = sumOf(sums.H[k]);
+  for (std::size_t k = 0; k < sums.g.size(); ++k) normal->g[k] = sumOf(sums.g[k]);
+  normal->squares = sumOf(sums.squares);
+  normal->weights = sumOf(sums.weights);
+}
+
+// How many samples count.
+WAYMARK_VECTORISED int pixelsIn(const EdgeRows& rows) {
+  IntLanes counted{};
+  for (std::size_t i = 0; i < rows.rows(); i += kLanes) {
+    const Lanes innermost = lanesAt(rows.innermost.data(), i);
+    const Lanes outermost = lanesAt(rows.outermost.data(), i);
+    Lanes distance = lanesAt(rows.distance.data(), i);
+    for (std::size_t k = 0; k < rows.across(); ++k) {
+      counted -= (distance >= innermost) & (distance <= outermost);  // true is -1
+      distance += lanesAt(rows.step.data(), i);
+    }
+  }
+  int pixels = 0;
+  for (std::size_t lane = 0; lane < kLanes; ++lane) pixels += counted[lane];
   return pixels;
 }
 
 }  // namespace
 
-std::optional<EdgeFit> fitEdge(const EdgeSamples& samples, const EdgeFit& start,
+std::optional<EdgeFit> fitEdge(const EdgeRows& rows, const EdgeFit& start,
                                const EdgeFitOptions& options) {
-  constexpr float kFewest = 16.0F;
-  constexpr double kConverged = 0.01;   // pixels: the next step would be a hundredth of it
+  constexpr int kFewest = 16;
+  constexpr double kConverged = 0.02;   // pixels: the next step would be a quarter of it at most
   constexpr double kLongestStep = 1.5;  // pixels
   // Standard deviations of the priors that hold what a short edge cannot tell.
   constexpr double kSlopePrior = 10.0;  // grey levels from end to end
   constexpr double kBlurPrior = 0.5;    // pixels
-  if (pixelsIn(samples) < kFewest) return std::nullopt;
+  if (pixelsIn(rows) < kFewest) return std::nullopt;
 
   VectorU x;
   x << start.shift_start, start.shift_end, start.white, start.black, start.blur_px, 0.0, 0.0;
   constexpr double kMostGrowth = 1.3;  // of the blur
-  BlockNeighbours neighbours;
-  findNeighbours(samples, static_cast<float>(kMostGrowth * start.blur_px), &neighbours);
+  GroupNeighbours neighbours;
+  findNeighbours(rows, static_cast<float>(kMostGrowth * start.blur_px), &neighbours);
   Eigen::LLT<MatrixU> factors;
-  double variance = 1e9;  // nothing is an outlier yet
+  // Where the levels are guessed, nothing is an outlier yet.
+  double variance = start.variance > 0.0 ? start.variance : 1e9;
   for (int iteration = 0; iteration < options.iterations; ++iteration) {
     const auto cut = static_cast<float>(9.0 * std::max(variance, 1.0));
     std::array<float, kUnknowns> xf;
@@ -181,7 +235,7 @@ std::optional<EdgeFit> fitEdge(const EdgeSamples& samples, const EdgeFit& start,
       xf[i] = static_cast<float>(x[static_cast<Eigen::Index>(i)]);
     }
     NormalSums sums;
-    linearise(samples, neighbours, xf, cut, &sums);
+    linearise(rows, neighbours, xf, cut, &sums);
     MatrixU H = sums.matrix();
     VectorU g = sums.gradient();
     variance = sums.variance();
@@ -207,13 +261,18 @@ std::optional<EdgeFit> fitEdge(const EdgeSamples& samples, const EdgeFit& start,
       return std::nullopt;
     }
     const double moved = std::max(std::abs(step[kShiftStart]), std::abs(step[kShiftEnd]));
-    if (iteration > 0 && moved < kConverged) break;
+    if ((iteration > 0 || start.variance > 0.0) && moved < kConverged) break;
   }
   if (x[kWhite] - x[kBlack] < options.min_contrast) return std::nullopt;
-  using Columns = Eigen::Matrix<double, kUnknowns, 2>;
-  const Columns inverse = factors.solve(Columns::Identity());
-  return EdgeFit{x[kShiftStart], x[kShiftEnd], variance * inverse.topRows<2>(),
-                 x[kWhite],      x[kBlack],    x[kBlur]};
+  EdgeFit fit{.shift_start = x[kShiftStart],
+              .shift_end = x[kShiftEnd],
+              .white = x[kWhite],
+              .black = x[kBlack],
+              .blur_px = x[kBlur],
+              .variance = variance};
+  fit.covariance.col(0) = variance * factors.solve(VectorU::Unit(kShiftStart)).head<2>();
+  fit.covariance.col(1) = variance * factors.solve(VectorU::Unit(kShiftEnd)).head<2>();
+  return fit;
 }
 
 }  // namespace waymark::slam

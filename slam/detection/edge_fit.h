@@ -10,7 +10,7 @@
 
 #include <Eigen/Core>
 
-#include "slam/detection/edge_samples.h"
+#include "slam/detection/edge_rows.h"
 
 namespace waymark::slam {
 
@@ -22,6 +22,9 @@ struct EdgeFit {
   double white = 180.0;                                  // grey level outside
   double black = 50.0;                                   // grey level of the border
   double blur_px = 0.9;                                  // standard deviation of the point spread
+  // Of the grey levels, without what does not fit. 0 where nothing is known: levels and blur are
+  // guesses then.
+  double variance = 0.0;
 };
 
 struct EdgeFitOptions {
@@ -37,7 +40,7 @@ struct EdgeFitOptions {
 
 // Gauss-Newton on the grey levels from `start`. Empty when there are too few pixels, too little
 // contrast, or the edge runs away from the guess.
-[[nodiscard]] std::optional<EdgeFit> fitEdge(const EdgeSamples& samples, const EdgeFit& start,
+[[nodiscard]] std::optional<EdgeFit> fitEdge(const EdgeRows& rows, const EdgeFit& start,
                                              const EdgeFitOptions& options);
 
 }  // namespace waymark::slam

@@ -21,30 +21,45 @@ struct Truth {
 double gaussian(double x) { return 0.5 * std::erfc(-x / std::sqrt(2.0)); }
 
 // A straight edge 40 pixels long, seen by pixels on a grid.
-EdgeSamples render(const Truth& truth, double reach, std::mt19937* rng) {
+EdgeRows render(const Truth& truth, double reach, std::mt19937* rng) {
   constexpr double kLength = 40.0;
   std::normal_distribution<double> noise(0.0, 1.0);
-  EdgeSamples samples;
+  EdgeRows rows;
+  rows.clear(static_cast<std::size_t>(2.0 * reach) + 1);
   for (int along = 3; along <= kLength - 3; ++along) {
-    for (int across = static_cast<int>(std::ceil(-reach)); across <= reach; ++across) {
-      const double t = along / kLength;
-      const double d = across + 0.37 * t;  // the grid is not aligned with the edge
-      const double shift = truth.shift_start + t * (truth.shift_end - truth.shift_start);
+    const double t = along / kLength;
+    const double nearest = std::ceil(-reach) + 0.37 * t;  // the grid is not aligned with the edge
+    EdgeRow row;
+    row.t = static_cast<float>(t);
+    row.distance = static_cast<float>(nearest);
+    row.step = 1.0F;
+    row.innermost = -100.0F;
+    row.outermost = 100.0F;
+    row.to_start = static_cast<float>(along);
+    row.to_end = static_cast<float>(kLength - along);
+    row.thickness = static_cast<float>(truth.thickness);
+    row.ring_white = truth.white_ring && truth.ring_known ? 1.0F : 0.0F;
+    const std::size_t number = rows.add(row);
+    const double shift = truth.shift_start + t * (truth.shift_end - truth.shift_start);
+    for (std::size_t k = 0; k < rows.across(); ++k) {
+      const double d = nearest + static_cast<double>(k);
       double dark = gaussian((shift - d) / truth.blur_px);
       if (truth.white_ring) dark *= 1.0 - gaussian(-(d + truth.thickness) / truth.blur_px);
-      EdgeSample s{};
-      s.distance = static_cast<float>(d);
-      s.t = static_cast<float>(t);
-      s.to_start = static_cast<float>(along);
-      s.to_end = static_cast<float>(kLength - along);
-      s.thickness = static_cast<float>(truth.thickness);
-      s.ring_white = truth.white_ring && truth.ring_known ? 1.0F : 0.0F;
-      s.grey = static_cast<float>(200.0 - 160.0 * dark + truth.noise * noise(*rng));
-      samples.add(s);
+      rows.setGrey(number, k, static_cast<float>(200.0 - 160.0 * dark + truth.noise * noise(*rng)));
     }
   }
-  samples.fillUp();
-  return samples;
+  rows.fillUp();
+  return rows;
+}
+
+// Of every grey level, what `change` makes of it.
+template <typename Change>
+void changeGrey(EdgeRows* rows, const Change& change) {
+  for (std::size_t i = 0; i < rows->rows(); ++i) {
+    for (std::size_t k = 0; k < rows->across(); ++k) {
+      rows->setGrey(i, k, change(rows->greyAt(i, k)));
+    }
+  }
 }
 
 class EdgeFitTest : public ::testing::Test {
@@ -103,22 +118,24 @@ TEST_F(EdgeFitTest, KnowingTheCodeRemovesItsPull) {
 TEST_F(EdgeFitTest, AFewWrongPixelsDoNotMoveIt) {
   Truth truth;
   truth.noise = 1.0;
-  auto samples = render(truth, 3.0, &rng_);
-  for (std::size_t i = 10; i < samples.count; i += 23) samples.grey[i] = 255.0F - samples.grey[i];
-  const auto fit = fitEdge(samples, {}, options_);
+  auto rows = render(truth, 3.0, &rng_);
+  int number = 0;
+  changeGrey(&rows, [&](float grey) { return ++number % 23 == 0 ? 255.0F - grey : grey; });
+  const auto fit = fitEdge(rows, {}, options_);
   ASSERT_TRUE(fit);
   EXPECT_NEAR(fit->shift_start, truth.shift_start, 0.05);
   EXPECT_NEAR(fit->shift_end, truth.shift_end, 0.05);
 }
 
 TEST_F(EdgeFitTest, RefusesWhatIsNoEdge) {
-  EXPECT_FALSE(fitEdge(EdgeSamples{}, {}, options_));
+  EXPECT_FALSE(fitEdge(EdgeRows{}, {}, options_));
   Truth truth;
   auto flat = render(truth, 3.0, &rng_);
-  flat.grey.fill(90.0F);
+  changeGrey(&flat, [](float) { return 90.0F; });
   EXPECT_FALSE(fitEdge(flat, {}, options_));
   auto inverted = render(truth, 3.0, &rng_);
-  for (float& grey : inverted.grey) grey = 240.0F - grey;  // light inside, dark outside
+  // Light inside, dark outside.
+  changeGrey(&inverted, [](float grey) { return 240.0F - grey; });
   EXPECT_FALSE(fitEdge(inverted, {}, options_));
 }
 

@@ -7,14 +7,8 @@
 
 #include <Eigen/Geometry>
 #include <Eigen/LU>
-
-#include "base/vectorised.h"
-
 namespace waymark::slam {
 namespace {
-
-// Along a side, with the border; no dictionary has more.
-constexpr std::size_t kMostCells = 32;
 
 // How far from the side pixels are looked at, and how near its ends, pixels.
 struct Window {
@@ -71,66 +65,25 @@ std::optional<Corner> intersect(const MarkerSide& in, const EdgeFit& in_fit, con
   return corner;
 }
 
-// Where the samples lie along and across a side, from their offsets to its start. Those outside of
-// the window, or of the lens's range, get no weight.
-WAYMARK_VECTORISED void layOut(const MarkerSide& side, const Window& window, const float* offset_x,
-                               const float* offset_y, EdgeSamples* samples) {
-  const auto f = [](double value) { return static_cast<float>(value); };
-  const Eigen::Vector2f along = (side.along / side.length).cast<float>();
-  const Eigen::Vector2f outward = side.outward.cast<float>();
-  const float length_px = f(side.length_px);
-  const float margin = f(window.end_margin);
-  const float scale = f(side.scale_start);
-  const float scale_slope = f(side.scale_end - side.scale_start);
-  const float thickness = f(side.thickness_start);
-  const float thickness_slope = f(side.thickness_end - side.thickness_start);
-  const float outer = f(window.outer);
-  const float inner = -f(window.inner);
-  const float sine_start = f(side.sine_start);
-  const float sine_end = f(side.sine_end);
-  const Lanes none{};
-  for (std::size_t i = 0; i < samples->count; i += kLanes) {
-    const Lanes& x = lanesAt(offset_x, i);
-    const Lanes& y = lanesAt(offset_y, i);
-    const Lanes t = x * along.x() + y * along.y();
-    const Lanes from_start = t * length_px;
-    const Lanes from_end = (1.0F - t) * length_px;
-    const Lanes distance = (x * outward.x() + y * outward.y()) * (scale + t * scale_slope);
-    // False for a NaN.
-    const IntLanes inside =
-        (from_start >= margin) & (from_end >= margin) & (distance <= outer) & (distance >= inner);
-    lanesAt(samples->t.data(), i) = inside ? t : none;
-    lanesAt(samples->distance.data(), i) = inside ? distance : none;
-    lanesAt(samples->to_start.data(), i) = inside ? from_start * sine_start : none;
-    lanesAt(samples->to_end.data(), i) = inside ? from_end * sine_end : none;
-    lanesAt(samples->thickness.data(), i) = inside ? thickness + t * thickness_slope : none;
-    lanesAt(samples->grey.data(), i) = inside ? lanesAt(samples->grey.data(), i) : none;
-    lanesAt(samples->weight.data(), i) = inside ? none + 1.0F : none;
-  }
+// How white the cell behind the border is at t. Only the nearest boundary between cells matters.
+float ringWhite(const MarkerSide& side, const InnerRing& ring, std::size_t index, double t,
+                double blur_px) {
+  const double d = t + side.perspective * (1.0 - t);
+  const double u = side.cells * t / d;  // MarkerSide::printCoordinate()
+  const int boundary = static_cast<int>(u + 0.5);
+  const float before = ring.cell(index, boundary - 1);
+  const float after = ring.cell(index, boundary);
+  if (before == after) return before;
+  const double per_cell = side.length_px / (side.cells * side.perspective * blur_px);
+  BlurredStep<float> step{};
+  blurredStepAt(static_cast<float>((u - boundary) * d * d * per_cell), &step);
+  return before + step.height * (after - before);
 }
 
-// How white the ring behind a side is at each sample. Only the nearest boundary between cells
-// matters: cells[j] and cells[j + 1] are before and after the boundary j cells from the start. u is
-// MarkerSide::printCoordinate().
-WAYMARK_VECTORISED void blendRing(const MarkerSide& side,
-                                  const std::array<float, kMostCells + 3>& cells, float blur_px,
-                                  EdgeSamples* samples) {
-  const auto perspective = static_cast<float>(side.perspective);
-  const auto count = static_cast<float>(side.cells);
-  const float per_cell = static_cast<float>(side.length_px) / (count * perspective * blur_px);
-  for (std::size_t i = 0; i < samples->count; i += kLanes) {
-    const Lanes& t = lanesAt(samples->t.data(), i);
-    const Lanes d = t + perspective * (1.0F - t);
-    const Lanes u = count * t / d;
-    const IntLanes boundary = __builtin_convertvector(u + 0.5F, IntLanes);
-    NormalLanes step;
-    normalAt((u - __builtin_convertvector(boundary, Lanes)) * d * d * per_cell, &step);
-    Lanes& white = lanesAt(samples->ring_white.data(), i);
-    for (std::size_t k = 0; k < kLanes; ++k) {
-      const auto j = static_cast<std::size_t>(boundary[k]);
-      white[k] = cells[j] + step.cdf[k] * (cells[j + 1] - cells[j]);
-    }
-  }
+// What lies beyond 0 .. last goes to the nearer end, however far away it is.
+int inRange(double value, int last) {
+  if (!(value > 0.0)) return 0;
+  return value < last ? static_cast<int>(value) : last;
 }
 
 double largestShift(const EdgeFit& fit) {
@@ -155,63 +108,73 @@ InnerRing InnerRing::of(const Dictionary& dictionary, int id) {
   return ring;
 }
 
-EdgeRefiner::EdgeRefiner(const CameraModel& camera, const UndistortionTable& table,
-                         const EdgeRefinerOptions& options)
-    : camera_(camera), table_(table), options_(options) {}
+EdgeRefiner::EdgeRefiner(const CameraModel& camera, const EdgeRefinerOptions& options)
+    : camera_(camera), options_(options) {}
 
-void EdgeRefiner::gather(const ImageView& image, const MarkerSide& side, double reach_px,
-                         int rows) {
-  // Along the side's longer axis, and across it from one edge of the window to the other.
+void EdgeRefiner::layOutRows(const ImageView& image, const std::array<MarkerSide, 4>& sides,
+                             std::size_t index, const InnerRing* ring, int most_rows,
+                             double blur_px) {
+  const MarkerSide& side = sides[index];
+  const Window window = windowFor(side, blur_px, ring != nullptr);
+  // Rows follow each other along the side's longer axis, and cross it along the other.
   const Eigen::Vector2d delta_px = side.end_px - side.start_px;
   const int major = std::abs(delta_px.x()) >= std::abs(delta_px.y()) ? 0 : 1;
   const int minor = 1 - major;
   const int last_major = (major == 0 ? image.width : image.height) - 1;
   const int last_minor = (major == 0 ? image.height : image.width) - 1;
-  const double reach = reach_px * side.length_px / std::abs(delta_px[major]);
-  const double from = std::max(0.0, std::ceil(std::min(side.start_px[major], side.end_px[major])));
-  const double to =
-      std::min<double>(last_major, std::max(side.start_px[major], side.end_px[major]));
-  const int most = static_cast<int>(EdgeSamples::kCapacity) / (2 * static_cast<int>(reach) + 2);
-  const int step = 1 + static_cast<int>(to - from) / std::clamp(rows, 1, std::max(most, 1));
-  const Eigen::Vector2f start = side.start.cast<float>();
-  std::size_t count = 0;
-  for (int c = static_cast<int>(from); c <= static_cast<int>(to); c += step) {
-    const double chord = (c - side.start_px[major]) / delta_px[major];
-    const double centre = side.start_px[minor] + chord * delta_px[minor] +
-                          4.0 * chord * (1.0 - chord) * side.bulge_px[minor];
-    const int low = std::max(0, static_cast<int>(std::ceil(centre - reach)));
-    const int high = std::min(last_minor, static_cast<int>(std::floor(centre + reach)));
-    for (int r = low; r <= high && count < EdgeSamples::kCapacity; ++r) {
-      const int x = major == 0 ? c : r;
-      const int y = major == 0 ? r : c;
-      const Eigen::Vector2f& place = table_.at(x, y);
-      offset_x_[count] = place.x() - start.x();
-      offset_y_[count] = place.y() - start.y();
-      samples_.grey[count] = static_cast<float>(image.at(x, y));
-      ++count;
+  const double reach =
+      std::max(window.outer, window.inner) * side.length_px / std::abs(delta_px[major]);
+  const auto across = std::min(static_cast<std::size_t>(2.0 * reach) + 1, EdgeRows::kMostAcross);
+  rows_.clear(across);
+  const auto inwards = [&](const MarkerSide& neighbour) {  // per pixel of a row
+    const Eigen::Vector2d along = (neighbour.end_px - neighbour.start_px).normalized();
+    return static_cast<float>(minor == 0 ? -along.y() : along.x());
+  };
+  rows_.to_start_step = inwards(sides[(index + 3) % 4]);
+  rows_.to_end_step = inwards(sides[(index + 1) % 4]);
+
+  const double margin_t = window.end_margin / side.length_px;
+  Eigen::Vector2d derivative;
+  const double from = side.pixelAt(margin_t, &derivative)[major];
+  const double to = side.pixelAt(1.0 - margin_t, &derivative)[major];
+  const int first = inRange(std::ceil(std::min(from, to)), last_major);
+  const int last = inRange(std::floor(std::max(from, to)), last_major);
+  const int most = std::min(most_rows, static_cast<int>(EdgeRows::kMostRows));
+  const int step = 1 + (last - first) / std::max(most, 1);
+  for (int c = first; c <= last && !rows_.full(); c += step) {
+    // Where the side crosses the row, by Newton's method from its chord.
+    double t = (c - side.start_px[major]) / delta_px[major];
+    Eigen::Vector2d p = side.pixelAt(t, &derivative);
+    t -= (p[major] - c) / derivative[major];
+    p = side.pixelAt(t, &derivative);
+    if (!(p[minor] > -reach && p[minor] < last_minor + reach)) continue;  // outside the image
+    const double outward = (minor == 0 ? derivative.y() : -derivative.x()) / derivative.norm();
+    const int low = static_cast<int>(std::ceil(p[minor] - reach));
+    const double before = low - p[minor];  // of the first sample, along the row
+    // The part of the row that is in the image.
+    const double edge_a = (std::max(low, 0) - p[minor]) * outward;
+    const double edge_b =
+        (std::min(low + static_cast<int>(across) - 1, last_minor) - p[minor]) * outward;
+    constexpr double kRounding = 1e-3;
+    const auto f = [](double value) { return static_cast<float>(value); };
+    const std::size_t row = rows_.add({
+        .t = f(t),
+        .distance = f(before * outward),
+        .step = f(outward),
+        .innermost = f(std::max(-window.inner, std::min(edge_a, edge_b) - kRounding)),
+        .outermost = f(std::min(window.outer, std::max(edge_a, edge_b) + kRounding)),
+        .to_start = f(t * side.length_px * side.sine_start + before * double{rows_.to_start_step}),
+        .to_end =
+            f((1.0 - t) * side.length_px * side.sine_end + before * double{rows_.to_end_step}),
+        .thickness = f(side.thickness_start + t * (side.thickness_end - side.thickness_start)),
+        .ring_white = ring == nullptr ? 0.0F : ringWhite(side, *ring, index, t, blur_px),
+    });
+    for (std::size_t k = 0; k < across; ++k) {
+      const int r = std::clamp(low + static_cast<int>(k), 0, last_minor);
+      rows_.setGrey(row, k, static_cast<float>(major == 0 ? image.at(c, r) : image.at(r, c)));
     }
   }
-  while (count % kLanes != 0) {
-    offset_x_[count] = offset_y_[count] = std::numeric_limits<float>::quiet_NaN();
-    ++count;
-  }
-  samples_.count = count;
-}
-
-void EdgeRefiner::collectSamples(const ImageView& image, const MarkerSide& side, std::size_t index,
-                                 const InnerRing* ring, int rows, double blur_px) {
-  const Window window = windowFor(side, blur_px, ring != nullptr);
-  gather(image, side, std::max(window.outer, window.inner), rows);
-  layOut(side, window, offset_x_.data(), offset_y_.data(), &samples_);
-  if (ring == nullptr) {
-    std::fill_n(samples_.ring_white.begin(), samples_.count, 0.0F);
-    return;
-  }
-  std::array<float, kMostCells + 3> cells{};
-  for (std::size_t j = 0; j < cells.size(); ++j) {
-    cells[j] = ring->cell(index, static_cast<int>(j) - 1);
-  }
-  blendRing(side, cells, static_cast<float>(blur_px), &samples_);
+  rows_.fillUp();
 }
 
 std::optional<RefinedQuad> EdgeRefiner::refine(const ImageView& image,
@@ -234,8 +197,8 @@ std::optional<RefinedQuad> EdgeRefiner::refine(const ImageView& image,
     settled = pass >= 0;
     for (std::size_t k = 0; k < 4; ++k) {
       fits[k].shift_start = fits[k].shift_end = 0.0;
-      collectSamples(image, (*sides)[k], k, ring, rows, fits[k].blur_px);
-      const auto fit = fitEdge(samples_, fits[k], options_.fit);
+      layOutRows(image, *sides, k, ring, rows, fits[k].blur_px);
+      const auto fit = fitEdge(rows_, fits[k], options_.fit);
       if (!fit) return std::nullopt;
       fits[k] = *fit;
       settled = settled && largestShift(*fit) < options_.settled_shift_px;
@@ -251,8 +214,6 @@ std::optional<RefinedQuad> EdgeRefiner::refine(const ImageView& image,
   }
   for (std::size_t k = 0; k < 4; ++k) {
     quad.pixels[k] = camera_.distort(quad.normalised[k]);
-    quad.black += 0.25 * fits[k].black;
-    quad.white += 0.25 * fits[k].white;
     quad.blur_px += 0.25 * fits[k].blur_px;
   }
   return quad;

@@ -3,6 +3,7 @@
 #pragma once
 
 #include <array>
+#include <cstddef>
 #include <cstdint>
 #include <optional>
 
@@ -11,9 +12,8 @@
 #include "base/image_view.h"
 #include "slam/detection/dictionary.h"
 #include "slam/detection/edge_fit.h"
-#include "slam/detection/edge_samples.h"
+#include "slam/detection/edge_rows.h"
 #include "slam/detection/marker_side.h"
-#include "slam/detection/undistortion_table.h"
 #include "slam/geometry/camera_model.h"
 
 namespace waymark::slam {
@@ -52,16 +52,13 @@ struct RefinedQuad {
   std::array<Eigen::Vector2d, 4> pixels;      // distorted
   std::array<Eigen::Vector2d, 4> normalised;  // undistorted
   std::array<Eigen::Matrix2d, 4> covariance;  // of normalised
-  double black = 0.0;                         // grey level of the border
-  double white = 0.0;                         // grey level around it
   double blur_px = 0.0;  // mean standard deviation of the point spread over the four sides
 };
 
 class EdgeRefiner {
  public:
-  // Both references must outlive the refiner.
-  EdgeRefiner(const CameraModel& camera, const UndistortionTable& table,
-              const EdgeRefinerOptions& options = {});
+  // The camera must outlive the refiner.
+  explicit EdgeRefiner(const CameraModel& camera, const EdgeRefinerOptions& options = {});
 
   // `corners`: normalised, clockwise in the image, good to about a pixel and a half. `cells`: cells
   // along a side with the border. `ring` (may be null: the code is not known, and the corners come
@@ -74,20 +71,13 @@ class EdgeRefiner {
                                                   std::optional<double> blur_px = {});
 
  private:
-  // Fills samples_ with the pixels near a side.
-  void collectSamples(const ImageView& image, const MarkerSide& side, std::size_t index,
-                      const InnerRing* ring, int rows, double blur_px);
-  // Their places in the image, and their grey levels.
-  void gather(const ImageView& image, const MarkerSide& side, double reach_px, int rows);
+  // Fills rows_ with the pixels near side `index`.
+  void layOutRows(const ImageView& image, const std::array<MarkerSide, 4>& sides, std::size_t index,
+                  const InnerRing* ring, int most_rows, double blur_px);
 
   const CameraModel& camera_;
-  const UndistortionTable& table_;
   EdgeRefinerOptions options_;
-  // Reused from side to side.
-  EdgeSamples samples_;
-  // By sample: from the side's start, normalised coordinates.
-  alignas(32) EdgeSamples::Field offset_x_;
-  alignas(32) EdgeSamples::Field offset_y_;
+  EdgeRows rows_;  // reused from side to side
 };
 
 }  // namespace waymark::slam

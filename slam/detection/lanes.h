@@ -33,38 +33,30 @@ WAYMARK_INLINE float sumOf(const Lanes& lanes) {
          ((lanes[2] + lanes[6]) + (lanes[3] + lanes[7]));
 }
 
-// e^x for -80 <= x <= 0, to 2e-7 of it.
-WAYMARK_INLINE Lanes expOf(const Lanes& x) {
-  const Lanes y = x * 1.44269504F;
-  const IntLanes whole = __builtin_convertvector(y, IntLanes);   // towards zero
-  const Lanes part = y - __builtin_convertvector(whole, Lanes);  // -1 .. 0
-  Lanes power = part * 1.5252734e-5F + 1.5403530e-4F;            // 2^part, by its series
-  power = power * part + 1.3333558e-3F;
-  power = power * part + 9.6181291e-3F;
-  power = power * part + 5.5504109e-2F;
-  power = power * part + 0.24022651F;
-  power = power * part + 0.69314718F;
-  power = power * part + 1.0F;
-  const IntLanes scale = (whole + 127) << 23;
-  return power * reinterpret_cast<const Lanes&>(scale);
-}
-
-// The normal distribution: its density, and the share below x, to 1e-6 (Abramowitz and Stegun,
-// 26.2.17).
-struct NormalLanes {
-  Lanes cdf;
-  Lanes pdf;
+// A step from 0 to 1 as a camera blurs it: its height at x and its slope, x in standard deviations
+// of the blur. The normal distribution and its density, which need no exponential here: an odd
+// polynomial through the Chebyshev nodes of -kBlurReach .. kBlurReach, to 5e-5, and its derivative.
+// Beyond, the step is a plain. T: Lanes or float.
+template <typename T>
+struct BlurredStep {
+  T height;
+  T slope;
 };
-WAYMARK_INLINE void normalAt(const Lanes& x, NormalLanes* normal) {
-  Lanes a = x < 0.0F ? -x : x;
-  a = a < 8.0F ? a : 8.0F;
-  const Lanes t = 1.0F / (1.0F + 0.2316419F * a);
-  normal->pdf = 0.39894228F * expOf(-0.5F * a * a);
-  const Lanes polynomial =
-      t *
-      (0.31938153F + t * (-0.35656378F + t * (1.78147794F + t * (-1.82125598F + t * 1.33027443F))));
-  const Lanes tail = normal->pdf * polynomial;
-  normal->cdf = x < 0.0F ? tail : 1.0F - tail;
+constexpr float kBlurReach = 3.5F;
+template <typename T>
+WAYMARK_INLINE void blurredStepAt(const T& x, BlurredStep<T>* step) {
+  T u = x < -kBlurReach ? T{} - kBlurReach : x;
+  u = u > kBlurReach ? T{} + kBlurReach : u;
+  // In pairs of terms, so that none waits for the one before.
+  const T y = u * u;
+  const T y2 = y * y;
+  const T y4 = y2 * y2;
+  const T low = (0.3989172F - 0.06628805F * y) + (9.6978085e-3F - 1.0404083e-3F * y) * y2;
+  const T high = (7.5711245e-5F - 3.263257e-6F * y) + 6.1684845e-8F * y2;
+  step->height = 0.5F + u * (low + high * y4);
+  const T slope_low = (0.3989172F - 0.19886415F * y) + (0.048489043F - 0.0072828581F * y) * y2;
+  const T slope_high = (0.00068140121F - 3.5895827e-05F * y) + 8.0190299e-07F * y2;
+  step->slope = slope_low + slope_high * y4;
 }
 
 }  // namespace waymark::slam

@@ -50,20 +50,24 @@ class MarkerDecoder {
                                  const std::array<Eigen::Vector2d, 4>& corners);
 
  private:
-  // Fills grey_ with the mean grey level of every cell, and of a ring of cells around the border.
-  // False when some of it is outside the image, or the quad is degenerate.
-  [[nodiscard]] bool sampleCells(const ImageView& image,
-                                 const std::array<Eigen::Vector2d, 4>& corners);
-  [[nodiscard]] double grey(int row, int column) const {
+  using Corners = std::array<Eigen::Vector2d, 4>;
+
+  // Fills centres_ and large_cells_. False for a degenerate quad.
+  [[nodiscard]] bool layOutCells(const Corners& corners);
+  // Mean grey level of a cell; -1 when some of it is outside the image. Rows and columns count from
+  // the border's; -1 and cells are the ring of light cells around it.
+  [[nodiscard]] float greyOf(const ImageView& image, int row, int column) const;
+  [[nodiscard]] const Eigen::Vector2f& centre(int row, int column) const {
     const int index = (row + 1) * (dictionary_.cells() + 2) + column + 1;
-    return grey_[static_cast<std::size_t>(index)];
+    return centres_[static_cast<std::size_t>(index)];
   }
 
   const CameraModel& camera_;
   const Dictionary& dictionary_;
   MarkerDecoderOptions options_;
-  std::vector<Eigen::Vector2d> centres_;  // of the cells, pixels; with the ring, row by row
-  std::vector<double> grey_;              // likewise
+  std::vector<Eigen::Vector2f> centres_;  // of the cells, pixels; with the ring, row by row
+  bool large_cells_ = false;              // in this quad
+  std::vector<float> border_;             // grey levels of its cells
 };
 
 }  // namespace waymark::slam

@@ -6,15 +6,21 @@
 
 namespace waymark::slam {
 
-bool undistortCorners(const CameraModel& camera, MarkerDetection* detection) {
-  std::array<Eigen::Vector2d, 4> normalised = detection->normalised;
+std::optional<std::array<Eigen::Vector2d, 4>> undistortCorners(
+    const CameraModel& camera, const std::array<Eigen::Vector2d, 4>& pixels) {
+  std::array<Eigen::Vector2d, 4> normalised;
   for (std::size_t k = 0; k < 4; ++k) {
-    const auto corner = camera.undistort(detection->pixels[k]);
-    if (!corner) return false;
+    const auto corner = camera.undistort(pixels[k]);
+    if (!corner) return std::nullopt;
     normalised[k] = *corner;
   }
-  detection->normalised = normalised;
-  return true;
+  return normalised;
+}
+
+bool undistortCorners(const CameraModel& camera, MarkerDetection* detection) {
+  const auto normalised = undistortCorners(camera, detection->pixels);
+  if (normalised) detection->normalised = *normalised;
+  return normalised.has_value();
 }
 
 void sortById(std::vector<MarkerDetection>* detections) {

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <array>
+#include <optional>
 #include <vector>
 
 #include <Eigen/Core>
@@ -27,6 +28,9 @@ struct MarkerDetection {
   }
 };
 
+// Normalised corners of pixels. Empty when one is outside the lens's range.
+[[nodiscard]] std::optional<std::array<Eigen::Vector2d, 4>> undistortCorners(
+    const CameraModel& camera, const std::array<Eigen::Vector2d, 4>& pixels);
 // `normalised` from `pixels`. False when a corner is outside the lens's range; the detection then
 // stays as it is.
 [[nodiscard]] bool undistortCorners(const CameraModel& camera, MarkerDetection* detection);

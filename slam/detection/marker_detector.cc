@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <utility>
 
+#include "slam/geometry/plane.h"
+
 namespace waymark::slam {
 namespace {
 
@@ -16,10 +18,7 @@ std::array<Eigen::Vector2d, 4> upright(const std::array<Eigen::Vector2d, 4>& cor
   return turned;
 }
 
-Eigen::Vector2d centre(const MarkerDetection& d) {
-  return 0.25 * (d.pixels[0] + d.pixels[1] + d.pixels[2] + d.pixels[3]);
-}
-
+Eigen::Vector2d centre(const MarkerDetection& d) { return centreOf(d.pixels); }
 double diagonal(const MarkerDetection& d) { return (d.pixels[2] - d.pixels[0]).norm(); }
 
 // Nothing, and why.
@@ -34,9 +33,8 @@ MarkerDetector::MarkerDetector(const CameraModel& camera, Dictionary dictionary,
                                const DetectorOptions& options)
     : camera_(camera),
       dictionary_(std::move(dictionary)),
-      table_(camera),
       scanner_(options.scanner),
-      refiner_(camera_, table_, options.edges),
+      refiner_(camera_, options.edges),
       decoder_(camera_, dictionary_, options.decoder) {
   rings_.reserve(static_cast<std::size_t>(dictionary_.size()));
   for (int id = 0; id < dictionary_.size(); ++id) rings_.push_back(InnerRing::of(dictionary_, id));
@@ -60,20 +58,20 @@ const std::vector<MarkerDetection>& MarkerDetector::detect(const ImageView& imag
 // Most codes can be read with the corners as they were found, and most of what is no marker looks
 // like none: exact corners are for markers. Small ones are read with better corners.
 std::optional<MarkerDetection> MarkerDetector::examine(const ImageView& image, const Quad& quad) {
-  Corners corners;
-  if (!undistort(quad, &corners)) return count(&counters_.no_edge);
+  auto corners = undistortCorners(camera_, quad);
+  if (!corners) return count(&counters_.no_edge);
   std::optional<double> blur_px;
-  QuadReading reading = decoder_.read(image, corners);
+  QuadReading reading = decoder_.read(image, *corners);
   if (reading.content == QuadContent::kNoCode) {
-    const auto rough = refiner_.refine(image, corners, dictionary_.cells(), nullptr);
+    const auto rough = refiner_.refine(image, *corners, dictionary_.cells(), nullptr);
     if (!rough) return count(&counters_.no_edge);
     corners = rough->normalised;
     blur_px = rough->blur_px;
-    reading = decoder_.read(image, corners);
+    reading = decoder_.read(image, *corners);
   }
   if (reading.content != QuadContent::kMarker) return count(&counters_.no_code);
   const Dictionary::Match& match = reading.match;
-  const auto fine = refiner_.refine(image, upright(corners, match.rotation), dictionary_.cells(),
+  const auto fine = refiner_.refine(image, upright(*corners, match.rotation), dictionary_.cells(),
                                     &rings_[static_cast<std::size_t>(match.id)], blur_px);
   if (!fine) return count(&counters_.no_edge);
   // What was read with rough corners has to stand with the exact ones.
@@ -93,22 +91,13 @@ std::optional<MarkerDetection> MarkerDetector::examine(const ImageView& image, c
 
 // The same marker found with another threshold.
 bool MarkerDetector::isKnown(const Quad& quad) const {
-  const Eigen::Vector2d middle = 0.25 * (quad[0] + quad[1] + quad[2] + quad[3]);
+  const Eigen::Vector2d middle = centreOf(quad);
   const double size = (quad[2] - quad[0]).norm() + (quad[3] - quad[1]).norm();
   return std::ranges::any_of(detections_, [&](const MarkerDetection& known) {
     const double known_size = diagonal(known) + (known.pixels[3] - known.pixels[1]).norm();
     return (centre(known) - middle).norm() < 0.1 * known_size && size > 0.8 * known_size &&
            size < 1.25 * known_size;
   });
-}
-
-bool MarkerDetector::undistort(const Quad& quad, Corners* corners) const {
-  for (std::size_t k = 0; k < 4; ++k) {
-    const auto normalised = camera_.undistort(quad[k]);
-    if (!normalised) return false;
-    (*corners)[k] = *normalised;
-  }
-  return true;
 }
 
 void MarkerDetector::removeRepeated() {

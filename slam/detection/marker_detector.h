@@ -11,7 +11,6 @@
 #include "slam/detection/marker_decoder.h"
 #include "slam/detection/marker_detection.h"
 #include "slam/detection/quad_scanner.h"
-#include "slam/detection/undistortion_table.h"
 #include "slam/geometry/camera_model.h"
 
 namespace waymark::slam {
@@ -44,18 +43,13 @@ class MarkerDetector {
   [[nodiscard]] const Dictionary& dictionary() const { return dictionary_; }
 
  private:
-  using Corners = std::array<Eigen::Vector2d, 4>;  // normalised
-
   [[nodiscard]] std::optional<MarkerDetection> examine(const ImageView& image, const Quad& quad);
   [[nodiscard]] bool isKnown(const Quad& quad) const;
-  // False when a corner is outside the lens's range.
-  [[nodiscard]] bool undistort(const Quad& quad, Corners* corners) const;
   void removeRepeated();
 
   const CameraModel& camera_;
   Dictionary dictionary_;
   std::vector<InnerRing> rings_;  // by id
-  UndistortionTable table_;
   QuadScanner scanner_;
   EdgeRefiner refiner_;
   MarkerDecoder decoder_;

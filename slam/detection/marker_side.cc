@@ -7,12 +7,17 @@
 #include <Eigen/LU>
 
 #include "slam/geometry/homography.h"
+#include "slam/geometry/plane.h"
 
 namespace waymark::slam {
 namespace {
 
-double cross(const Eigen::Vector2d& a, const Eigen::Vector2d& b) {
-  return a.x() * b.y() - a.y() * b.x();
+// The quartic through a curve's points at t = 0, 1/4, 1/2, 3/4, 1: coefficients of t^k.
+std::array<Eigen::Vector2d, 5> quarticThrough(const std::array<Eigen::Vector2d, 5>& p) {
+  return {p[0], 4.0 / 12.0 * (-25.0 * p[0] + 48.0 * p[1] - 36.0 * p[2] + 16.0 * p[3] - 3.0 * p[4]),
+          16.0 / 24.0 * (35.0 * p[0] - 104.0 * p[1] + 114.0 * p[2] - 56.0 * p[3] + 11.0 * p[4]),
+          64.0 / 12.0 * (-5.0 * p[0] + 18.0 * p[1] - 24.0 * p[2] + 14.0 * p[3] - 3.0 * p[4]),
+          256.0 / 24.0 * (p[0] - 4.0 * p[1] + 6.0 * p[2] - 4.0 * p[3] + p[4])};
 }
 
 // False for a side without length.
@@ -30,7 +35,9 @@ bool layOutLine(const CameraModel& camera, const Eigen::Vector2d& start, const E
   side->start_px = camera.distort(start, &J_start);
   side->end_px = camera.distort(end, &J_end);
   side->length_px = (side->end_px - side->start_px).norm();
-  side->bulge_px = camera.distort(0.5 * (start + end)) - 0.5 * (side->start_px + side->end_px);
+  const auto between = [&](double t) { return camera.distort(start + t * (end - start)); };
+  side->curve_px =
+      quarticThrough({side->start_px, between(0.25), between(0.5), between(0.75), side->end_px});
   // A line moved by d in normalised units moves by d / |J^-T outward| pixels across itself.
   side->scale_start = 1.0 / (J_start.inverse().transpose() * side->outward).norm();
   side->scale_end = 1.0 / (J_end.inverse().transpose() * side->outward).norm();
@@ -64,6 +71,12 @@ bool layOutPrint(const Eigen::Matrix3d& H, const Eigen::Vector2d& a, const Eigen
 }
 
 }  // namespace
+
+Eigen::Vector2d MarkerSide::pixelAt(double t, Eigen::Vector2d* derivative) const {
+  const auto& c = curve_px;
+  *derivative = c[1] + t * (2.0 * c[2] + t * (3.0 * c[3] + t * 4.0 * c[4]));
+  return c[0] + t * (c[1] + t * (c[2] + t * (c[3] + t * c[4])));
+}
 
 std::optional<std::array<MarkerSide, 4>> layOutSides(const CameraModel& camera,
                                                      const std::array<Eigen::Vector2d, 4>& corners,

@@ -16,8 +16,9 @@ struct MarkerSide {
   Eigen::Vector2d along, outward;    // unit vectors, normalised coordinates
   double length = 0.0;               // normalised
   Eigen::Vector2d start_px, end_px;  // distorted
-  Eigen::Vector2d bulge_px;          // lens curvature: offset of the middle from the chord
   double length_px = 0.0;
+  // In the image, where a lens bends it: at share t of the way the sum of curve_px[k] t^k.
+  std::array<Eigen::Vector2d, 5> curve_px;
   // What follows changes linearly from start to end.
   double scale_start = 0.0, scale_end = 0.0;          // pixels per normalised unit, across the side
   double thickness_start = 0.0, thickness_end = 0.0;  // of the black border, pixels
@@ -27,6 +28,8 @@ struct MarkerSide {
   double perspective = 1.0;
   int cells = 0;  // along the side, with the border
 
+  // In the image at share t of the way, pixels, and its derivative by t.
+  [[nodiscard]] Eigen::Vector2d pixelAt(double t, Eigen::Vector2d* derivative) const;
   // Where the image's t (0 .. 1) lies on the print, in cells from the start.
   [[nodiscard]] double printCoordinate(double t) const {
     return cells * t / (t + perspective * (1.0 - t));

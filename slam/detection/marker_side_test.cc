@@ -42,8 +42,13 @@ TEST(MarkerSide, AgreesWithTheProjection) {
     EXPECT_NEAR(thickness_px, expected_px, 0.05);
   }
   for (const MarkerSide& side : *sides) {
-    const Eigen::Vector2d middle_px = camera.distort(0.5 * (side.start + side.end));
-    EXPECT_LT((0.5 * (side.start_px + side.end_px) + side.bulge_px - middle_px).norm(), 1e-9);
+    for (double t = 0.0; t <= 1.0; t += 0.1) {
+      Eigen::Vector2d derivative;
+      Eigen::Vector2d beyond;
+      const Eigen::Vector2d pixel = side.pixelAt(t, &derivative);
+      EXPECT_LT((pixel - camera.distort(side.start + t * (side.end - side.start))).norm(), 1e-4);
+      EXPECT_LT((side.pixelAt(t + 1e-6, &beyond) - pixel - 1e-6 * derivative).norm(), 1e-8);
+    }
   }
 }
 

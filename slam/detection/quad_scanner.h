@@ -13,7 +13,7 @@ namespace waymark::slam {
 struct QuadScannerOptions {
   // Strict: keeps squares apart that nearly touch. Lenient: keeps blurred borders whole, between
   // light cells and light paper.
-  DarkMaskOptions strict{.share = 0.16, .offset = 8};
+  DarkMaskOptions strict{.share = 0.16, .offset = 8.0};
   DarkMaskOptions lenient{.share = 0.02, .offset = 2.0};
   DarkRegionOptions regions;
   RegionQuadOptions quads;

@@ -7,12 +7,10 @@
 
 #include <Eigen/Geometry>
 
+#include "slam/geometry/plane.h"
+
 namespace waymark::slam {
 namespace {
-
-double cross(const Eigen::Vector2d& a, const Eigen::Vector2d& b) {
-  return a.x() * b.y() - a.y() * b.x();
-}
 
 // How far p lies outside of the line from a to b of a clockwise outline, times |b - a|.
 double outside(const Eigen::Vector2d& a, const Eigen::Vector2d& b, const Eigen::Vector2d& p) {

@@ -1,15 +1,16 @@
 #include "slam/tracking/tracker.h"
 
 #include <algorithm>
+#include <cmath>
 #include <utility>
+
+#include "slam/geometry/plane.h"
 
 namespace waymark::slam {
 namespace {
 
 double imageArea(const MarkerDetection& d) {
-  const Eigen::Vector2d a = d.normalised[2] - d.normalised[0];
-  const Eigen::Vector2d b = d.normalised[3] - d.normalised[1];
-  return std::abs(a.x() * b.y() - a.y() * b.x());
+  return std::abs(cross(d.normalised[2] - d.normalised[0], d.normalised[3] - d.normalised[1]));
 }
 
 // How far a pose is from the predicted one, as the markers' depth sees it, radians.
