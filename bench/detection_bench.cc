@@ -17,8 +17,8 @@
 #include "bench/cpu_time.h"
 #include "bench/peers.h"
 #include "io/number_text.h"
+#include "simulator/projected_marker.h"
 #include "simulator/simulation.h"
-#include "slam/detection/marker_detection.h"
 #include "tools/exit_code.h"
 
 namespace waymark::bench {
@@ -35,7 +35,7 @@ struct Arguments {
 // A marker that has to be found.
 struct Expected {
   int id = 0;
-  Corners corners;
+  ImageCorners corners;
 };
 
 // What a detector made of all frames.
@@ -47,28 +47,14 @@ struct Score {
   double squared_px2 = 0.0;  // of the corners found
 };
 
-double shortestSide(const Corners& c) {
-  double shortest = (c[3] - c[0]).norm();
-  for (std::size_t k = 0; k < 3; ++k) shortest = std::min(shortest, (c[k + 1] - c[k]).norm());
-  return shortest;
-}
-
 // Every marker in front of the camera, however small, by its true corners.
 std::vector<Expected> allMarkers(const simulator::Simulation& simulation,
                                  const slam::CameraModel& camera, std::int64_t frame,
                                  const std::vector<simulator::Marker>& markers) {
   std::vector<Expected> all;
   for (const simulator::Marker& marker : markers) {
-    const slam::Transform T_c_m = simulation.poseAt(frame).inverse() * marker.T_w_m;
-    const auto corners = slam::markerCorners(marker.size_m);
-    Expected expected{marker.id, {}};
-    bool in_front = true;
-    for (std::size_t k = 0; k < 4 && in_front; ++k) {
-      const auto pixel = camera.project(T_c_m * corners[k]);
-      in_front = pixel.has_value();
-      if (in_front) expected.corners[k] = *pixel;
-    }
-    if (in_front) all.push_back(expected);
+    const auto corners = simulator::projectMarker(camera, simulation.poseAt(frame), marker);
+    if (corners) all.push_back({marker.id, *corners});
   }
   return all;
 }
@@ -112,7 +98,7 @@ class Bench {
     }
     std::vector<Expected> expected = allMarkers(simulation_, camera_, index, due);
     std::erase_if(expected, [&](const Expected& e) {
-      return shortestSide(e.corners) < arguments_.min_side_px;
+      return simulator::shortestSide(e.corners) < arguments_.min_side_px;
     });
     const auto there = allMarkers(simulation_, camera_, index, simulation_.markersAt(index));
     for (std::size_t d = 0; d < detectors_.size(); ++d) {
@@ -123,7 +109,7 @@ class Bench {
     }
   }
 
-  static void judge(const std::map<int, Corners>& found, const std::vector<Expected>& expected,
+  static void judge(const std::map<int, ImageCorners>& found, const std::vector<Expected>& expected,
                     const std::vector<Expected>& there, Score* score) {
     score->expected += static_cast<std::int64_t>(expected.size());
     for (const Expected& e : expected) {
