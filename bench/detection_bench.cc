@@ -7,19 +7,18 @@
 #include <map>
 #include <memory>
 #include <numbers>
-#include <span>
 #include <string>
 #include <vector>
 
 #include <CLI/CLI.hpp>
 
-#include "base/quantile.h"
-#include "bench/cpu_time.h"
+#include "base/clock.h"
 #include "bench/peers.h"
 #include "io/number_text.h"
 #include "simulator/projected_marker.h"
 #include "simulator/simulation.h"
 #include "tools/exit_code.h"
+#include "tools/stage_timer.h"
 
 namespace waymark::bench {
 namespace {
@@ -102,9 +101,9 @@ class Bench {
     });
     const auto there = allMarkers(simulation_, camera_, index, simulation_.markersAt(index));
     for (std::size_t d = 0; d < detectors_.size(); ++d) {
-      const double before_ms = threadCpu_ms();
+      const std::int64_t before_ns = threadCpuNs();
       const auto found = detectors_[d]->detect(image);
-      scores_[d].cpu_ms.push_back(threadCpu_ms() - before_ms);
+      scores_[d].cpu_ms.push_back(1e-6 * static_cast<double>(threadCpuNs() - before_ns));
       judge(found, expected, there, &scores_[d]);
     }
   }
@@ -138,14 +137,11 @@ class Bench {
     std::printf("%-14s %9s %9s %9s %9s %9s %6s\n", "", "mean ms", "p99 ms", "max ms", "found",
                 "RMS px", "wrong");
     for (std::size_t d = 0; d < detectors_.size(); ++d) {
-      Score& score = scores_[d];
-      double sum_ms = 0.0;
-      for (const double ms : score.cpu_ms) sum_ms += ms;
-      std::sort(score.cpu_ms.begin(), score.cpu_ms.end());
-      const std::span<const double> sorted(score.cpu_ms);
+      const Score& score = scores_[d];
+      const tools::TimeSummary cpu_ms = tools::summarise(score.cpu_ms);
       const auto found = static_cast<double>(score.found);
       std::printf("%-14s %9.3f %9.3f %9.3f %8.2f%% %9.3f %6lld\n", detectors_[d]->name().c_str(),
-                  sum_ms / static_cast<double>(count), quantile(sorted, 990), sorted.back(),
+                  cpu_ms.mean, cpu_ms.p99, cpu_ms.max,
                   100.0 * found / static_cast<double>(std::max<std::int64_t>(score.expected, 1)),
                   std::sqrt(score.squared_px2 / std::max(4.0 * found, 1.0)),
                   static_cast<long long>(score.wrong));
