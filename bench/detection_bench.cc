@@ -13,8 +13,8 @@
 #include <CLI/CLI.hpp>
 
 #include "base/clock.h"
+#include "bench/command_line.h"
 #include "bench/peers.h"
-#include "io/number_text.h"
 #include "simulator/projected_marker.h"
 #include "simulator/simulation.h"
 #include "tools/exit_code.h"
@@ -192,12 +192,6 @@ int main(int argc, char** argv) {
       ->capture_default_str();
   app.add_option("--max-angle", arguments.max_angle_deg, "Of markers that count, degrees")
       ->capture_default_str();
-  try {
-    app.parse(argc, argv);
-  } catch (const CLI::ParseError& e) {
-    if (e.get_exit_code() == 0) return app.exit(e);  // --help
-    std::fprintf(stderr, "detection_bench: %s\n", io::oneLine(e.what()).c_str());
-    return tools::kBadInput;
-  }
+  if (const auto exit_code = bench::parse(app, argc, argv)) return *exit_code;
   return bench::run(arguments);
 }

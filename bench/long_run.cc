@@ -14,6 +14,7 @@
 #include <unistd.h>
 
 #include "base/clock.h"
+#include "bench/command_line.h"
 #include "bench/walk.h"
 #include "io/map_file.h"
 #include "io/number_text.h"
@@ -208,12 +209,6 @@ int main(int argc, char** argv) {
   app.add_option("--sigma", arguments.sigma_px, "Noise of the corners, pixels")
       ->capture_default_str()
       ->check(CLI::PositiveNumber);
-  try {
-    app.parse(argc, argv);
-  } catch (const CLI::ParseError& e) {
-    if (e.get_exit_code() == 0) return app.exit(e);  // --help
-    std::fprintf(stderr, "long_run: %s\n", io::oneLine(e.what()).c_str());
-    return tools::kBadInput;
-  }
+  if (const auto exit_code = bench::parse(app, argc, argv)) return *exit_code;
   return bench::run(arguments);
 }
