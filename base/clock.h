@@ -1,8 +1,9 @@
-// The two clocks of the outside world. The SLAM itself has none.
+// The clocks of the outside world, and that of a thread's work. The SLAM itself has none.
 #pragma once
 
 #include <chrono>
 #include <cstdint>
+#include <ctime>
 
 namespace waymark {
 
@@ -16,6 +17,14 @@ namespace waymark {
 [[nodiscard]] inline std::int64_t wallUs() {
   using namespace std::chrono;
   return duration_cast<microseconds>(system_clock::now().time_since_epoch()).count();
+}
+
+// CLOCK_THREAD_CPUTIME_ID, nanoseconds that the calling thread has run: what a piece of work costs,
+// however busy the machine is.
+[[nodiscard]] inline std::int64_t threadCpuNs() {
+  timespec time{};
+  clock_gettime(CLOCK_THREAD_CPUTIME_ID, &time);
+  return 1'000'000'000 * static_cast<std::int64_t>(time.tv_sec) + time.tv_nsec;
 }
 
 }  // namespace waymark

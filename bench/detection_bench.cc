@@ -7,19 +7,18 @@
 #include <map>
 #include <memory>
 #include <numbers>
-#include <span>
 #include <string>
 #include <vector>
 
 #include <CLI/CLI.hpp>
 
-#include "base/quantile.h"
-#include "bench/cpu_time.h"
+#include "base/clock.h"
+#include "bench/command_line.h"
 #include "bench/peers.h"
-#include "io/number_text.h"
+#include "simulator/projected_marker.h"
 #include "simulator/simulation.h"
-#include "slam/detection/marker_detection.h"
 #include "tools/exit_code.h"
+#include "tools/stage_timer.h"
 
 namespace waymark::bench {
 namespace {
@@ -35,7 +34,7 @@ struct Arguments {
 // A marker that has to be found.
 struct Expected {
   int id = 0;
-  Corners corners;
+  ImageCorners corners;
 };
 
 // What a detector made of all frames.
@@ -47,28 +46,14 @@ struct Score {
   double squared_px2 = 0.0;  // of the corners found
 };
 
-double shortestSide(const Corners& c) {
-  double shortest = (c[3] - c[0]).norm();
-  for (std::size_t k = 0; k < 3; ++k) shortest = std::min(shortest, (c[k + 1] - c[k]).norm());
-  return shortest;
-}
-
 // Every marker in front of the camera, however small, by its true corners.
 std::vector<Expected> allMarkers(const simulator::Simulation& simulation,
                                  const slam::CameraModel& camera, std::int64_t frame,
                                  const std::vector<simulator::Marker>& markers) {
   std::vector<Expected> all;
   for (const simulator::Marker& marker : markers) {
-    const slam::Transform T_c_m = simulation.poseAt(frame).inverse() * marker.T_w_m;
-    const auto corners = slam::markerCorners(marker.size_m);
-    Expected expected{marker.id, {}};
-    bool in_front = true;
-    for (std::size_t k = 0; k < 4 && in_front; ++k) {
-      const auto pixel = camera.project(T_c_m * corners[k]);
-      in_front = pixel.has_value();
-      if (in_front) expected.corners[k] = *pixel;
-    }
-    if (in_front) all.push_back(expected);
+    const auto corners = simulator::projectMarker(camera, simulation.poseAt(frame), marker);
+    if (corners) all.push_back({marker.id, *corners});
   }
   return all;
 }
@@ -112,18 +97,18 @@ class Bench {
     }
     std::vector<Expected> expected = allMarkers(simulation_, camera_, index, due);
     std::erase_if(expected, [&](const Expected& e) {
-      return shortestSide(e.corners) < arguments_.min_side_px;
+      return simulator::shortestSide(e.corners) < arguments_.min_side_px;
     });
     const auto there = allMarkers(simulation_, camera_, index, simulation_.markersAt(index));
     for (std::size_t d = 0; d < detectors_.size(); ++d) {
-      const double before_ms = threadCpu_ms();
+      const std::int64_t before_ns = threadCpuNs();
       const auto found = detectors_[d]->detect(image);
-      scores_[d].cpu_ms.push_back(threadCpu_ms() - before_ms);
+      scores_[d].cpu_ms.push_back(1e-6 * static_cast<double>(threadCpuNs() - before_ns));
       judge(found, expected, there, &scores_[d]);
     }
   }
 
-  static void judge(const std::map<int, Corners>& found, const std::vector<Expected>& expected,
+  static void judge(const std::map<int, ImageCorners>& found, const std::vector<Expected>& expected,
                     const std::vector<Expected>& there, Score* score) {
     score->expected += static_cast<std::int64_t>(expected.size());
     for (const Expected& e : expected) {
@@ -152,14 +137,11 @@ class Bench {
     std::printf("%-14s %9s %9s %9s %9s %9s %6s\n", "", "mean ms", "p99 ms", "max ms", "found",
                 "RMS px", "wrong");
     for (std::size_t d = 0; d < detectors_.size(); ++d) {
-      Score& score = scores_[d];
-      double sum_ms = 0.0;
-      for (const double ms : score.cpu_ms) sum_ms += ms;
-      std::sort(score.cpu_ms.begin(), score.cpu_ms.end());
-      const std::span<const double> sorted(score.cpu_ms);
+      const Score& score = scores_[d];
+      const tools::TimeSummary cpu_ms = tools::summarise(score.cpu_ms);
       const auto found = static_cast<double>(score.found);
       std::printf("%-14s %9.3f %9.3f %9.3f %8.2f%% %9.3f %6lld\n", detectors_[d]->name().c_str(),
-                  sum_ms / static_cast<double>(count), quantile(sorted, 990), sorted.back(),
+                  cpu_ms.mean, cpu_ms.p99, cpu_ms.max,
                   100.0 * found / static_cast<double>(std::max<std::int64_t>(score.expected, 1)),
                   std::sqrt(score.squared_px2 / std::max(4.0 * found, 1.0)),
                   static_cast<long long>(score.wrong));
@@ -210,12 +192,6 @@ int main(int argc, char** argv) {
       ->capture_default_str();
   app.add_option("--max-angle", arguments.max_angle_deg, "Of markers that count, degrees")
       ->capture_default_str();
-  try {
-    app.parse(argc, argv);
-  } catch (const CLI::ParseError& e) {
-    if (e.get_exit_code() == 0) return app.exit(e);  // --help
-    std::fprintf(stderr, "detection_bench: %s\n", io::oneLine(e.what()).c_str());
-    return tools::kBadInput;
-  }
+  if (const auto exit_code = bench::parse(app, argc, argv)) return *exit_code;
   return bench::run(arguments);
 }

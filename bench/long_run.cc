@@ -1,20 +1,20 @@
 // The SLAM over millions of frames of simulated corners, or through a map of thousands of markers:
 // does its time per frame stay flat, its memory bounded, its map sound?
-#include <algorithm>
 #include <cstdint>
 #include <cstdio>
 #include <fstream>
 #include <optional>
 #include <span>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include <CLI/CLI.hpp>
 #include <nlohmann/json.hpp>
 #include <unistd.h>
 
-#include "base/quantile.h"
-#include "bench/cpu_time.h"
+#include "base/clock.h"
+#include "bench/command_line.h"
 #include "bench/walk.h"
 #include "io/map_file.h"
 #include "io/number_text.h"
@@ -24,6 +24,7 @@
 #include "slam/slam.h"
 #include "tools/evaluation.h"
 #include "tools/exit_code.h"
+#include "tools/stage_timer.h"
 
 namespace waymark::bench {
 namespace {
@@ -78,9 +79,7 @@ struct Report {
   std::size_t markers = 0;
   std::size_t keyframes = 0;
   double localised_percent = 0.0;
-  double mean_ms = 0.0;
-  double p99_ms = 0.0;
-  double max_ms = 0.0;
+  tools::TimeSummary cpu_ms;
   double resident_mb = 0.0;
   std::optional<double> ate_mm;
   std::optional<double> ace_mm;
@@ -93,11 +92,7 @@ void printHead() {
 
 Report reportOf(std::int64_t frames, const slam::Slam& slam,
                 std::span<const io::MarkerCorners> layout, Stretch stretch) {
-  std::sort(stretch.cpu_ms.begin(), stretch.cpu_ms.end());
-  const std::span<const double> sorted(stretch.cpu_ms);
-  double sum_ms = 0.0;
-  for (const double ms : sorted) sum_ms += ms;
-  const auto count = static_cast<double>(sorted.size());
+  const auto count = static_cast<double>(stretch.cpu_ms.size());
   const std::vector<io::MarkerCorners> map = io::posedMarkerCorners(slam.map());
   const auto errors = tools::compareMaps(layout, map);
   Report report;
@@ -105,9 +100,7 @@ Report reportOf(std::int64_t frames, const slam::Slam& slam,
   report.markers = map.size();
   report.keyframes = slam.map().keyframes().size();
   report.localised_percent = 100.0 * static_cast<double>(stretch.estimate.size()) / count;
-  report.mean_ms = sum_ms / count;
-  report.p99_ms = quantile(sorted, 990);
-  report.max_ms = sorted.back();
+  report.cpu_ms = tools::summarise(std::move(stretch.cpu_ms));
   report.resident_mb = residentMegabytes();
   report.ate_mm = ate_mm(stretch);
   if (errors) report.ace_mm = 1000.0 * errors->ace_m.mean;
@@ -118,7 +111,7 @@ void print(const Report& r) {
   const auto text = [](const std::optional<double>& mm) { return mm ? io::fixed(*mm, 3) : "-"; };
   std::printf("%9lld %8zu %9zu %8.2f%% %9.4f %9.4f %9.4f %9.1f %9s %9s\n",
               static_cast<long long>(r.frames), r.markers, r.keyframes, r.localised_percent,
-              r.mean_ms, r.p99_ms, r.max_ms, r.resident_mb, text(r.ate_mm).c_str(),
+              r.cpu_ms.mean, r.cpu_ms.p99, r.cpu_ms.max, r.resident_mb, text(r.ate_mm).c_str(),
               text(r.ace_mm).c_str());
   std::fflush(stdout);
 }
@@ -133,9 +126,9 @@ std::string jsonOf(std::span<const Report> reports) {
                    {"markers", r.markers},
                    {"keyframes", r.keyframes},
                    {"localised_percent", r.localised_percent},
-                   {"mean_ms", r.mean_ms},
-                   {"p99_ms", r.p99_ms},
-                   {"max_ms", r.max_ms},
+                   {"mean_ms", r.cpu_ms.mean},
+                   {"p99_ms", r.cpu_ms.p99},
+                   {"max_ms", r.cpu_ms.max},
                    {"resident_mb", r.resident_mb},
                    {"ate_mm", number(r.ate_mm)},
                    {"ace_mm", number(r.ace_mm)}});
@@ -171,9 +164,9 @@ tools::ExitCode run(const Arguments& arguments) {
     const auto time_ns = static_cast<std::int64_t>(1e9 * static_cast<double>(k) / walk.rate_hz);
     const std::vector<slam::MarkerDetection> detections =
         simulator::observeCorners(camera, frame.T_w_c, frame.in_view, sequence, noise);
-    const double before_ms = threadCpu_ms();
+    const std::int64_t before_ns = threadCpuNs();
     const slam::FrameResult result = slam.processDetections(detections, {sequence, time_ns});
-    stretch.cpu_ms.push_back(threadCpu_ms() - before_ms);
+    stretch.cpu_ms.push_back(1e-6 * static_cast<double>(threadCpuNs() - before_ns));
     if (result.pose) {
       stretch.truth.push_back(frame.T_w_c.p);
       stretch.estimate.push_back(result.pose->T_w_c.p);
@@ -216,12 +209,6 @@ int main(int argc, char** argv) {
   app.add_option("--sigma", arguments.sigma_px, "Noise of the corners, pixels")
       ->capture_default_str()
       ->check(CLI::PositiveNumber);
-  try {
-    app.parse(argc, argv);
-  } catch (const CLI::ParseError& e) {
-    if (e.get_exit_code() == 0) return app.exit(e);  // --help
-    std::fprintf(stderr, "long_run: %s\n", io::oneLine(e.what()).c_str());
-    return tools::kBadInput;
-  }
+  if (const auto exit_code = bench::parse(app, argc, argv)) return *exit_code;
   return bench::run(arguments);
 }

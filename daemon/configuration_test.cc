@@ -145,6 +145,8 @@ TEST(Configuration, RefusesImpossibleMarkers) {
   EXPECT_TRUE(unknown.starts_with(
       "/etc/w.toml:4:14: slam.dictionary: \"9X9\" is not a known dictionary; known are "))
       << unknown;
+  EXPECT_EQ(errorOf(kCamera + kSlam + "[slam.markers]\norigin = 2\nignored = '1-3'\n"),
+            "/etc/w.toml: slam: the origin marker is among the ignored ids");
 }
 
 TEST(Configuration, RefusesUnusableUrlsAndChannels) {

@@ -1,8 +1,6 @@
 // Is what the renderer draws where the truth says it is? Measured twice, by means that share
 // nothing with the simulator: Debian's AprilTag detector, and the grey levels along the normals of
 // the projected edges.
-#include <algorithm>
-#include <array>
 #include <cmath>
 #include <cstdint>
 #include <cstdio>
@@ -12,18 +10,15 @@
 #include <optional>
 #include <vector>
 
-#include <apriltag/apriltag.h>
-#include <apriltag/tag36h11.h>
 #include <gtest/gtest.h>
 
 #include "base/image_view.h"
+#include "simulator/projected_marker.h"
 #include "simulator/simulation.h"
-#include "slam/detection/marker_detection.h"
+#include "simulator/testing/apriltag_detector.h"
 
 namespace waymark::simulator {
 namespace {
-
-using Corners = std::array<Eigen::Vector2d, 4>;  // pixels
 
 // Mean signed errors, pixels.
 struct Bias {
@@ -45,63 +40,7 @@ struct Bias {
   }
 };
 
-class Detector {
- public:
-  Detector() {
-    apriltag_detector_add_family(detector_, family_);
-    detector_->quad_decimate = 1.0F;
-    detector_->quad_sigma = 0.0F;
-    detector_->refine_edges = 1;
-  }
-  Detector(const Detector&) = delete;
-  Detector& operator=(const Detector&) = delete;
-  ~Detector() {
-    apriltag_detector_destroy(detector_);
-    tag36h11_destroy(family_);
-  }
-
-  // Corners by id, in our order and pixel convention.
-  std::map<int, Corners> detect(ImageView image) {
-    image_u8_t borrowed = {image.width, image.height, static_cast<std::int32_t>(image.stride),
-                           const_cast<std::uint8_t*>(image.data)};
-    zarray_t* const detections = apriltag_detector_detect(detector_, &borrowed);
-    std::map<int, Corners> found;
-    for (int i = 0; i < zarray_size(detections); ++i) {
-      apriltag_detection_t* detection = nullptr;
-      zarray_get(detections, i, static_cast<void*>(&detection));
-      // AprilTag: bottom-left, bottom-right, top-right, top-left; pixel edges.
-      for (std::size_t k = 0; k < 4; ++k) {
-        found[detection->id][k] = {detection->p[3 - k][0] - 0.5, detection->p[3 - k][1] - 0.5};
-      }
-    }
-    apriltag_detections_destroy(detections);
-    return found;
-  }
-
- private:
-  apriltag_detector_t* detector_ = apriltag_detector_create();
-  apriltag_family_t* family_ = tag36h11_create();
-};
-
-Corners project(const Simulation& simulation, std::int64_t frame, const Marker& marker) {
-  const slam::CameraModel camera(simulation.camera());
-  const slam::Transform T_c_m = simulation.poseAt(frame).inverse() * marker.T_w_m;
-  Corners pixels;
-  const auto corners = slam::markerCorners(marker.size_m);
-  std::transform(corners.begin(), corners.end(), pixels.begin(),
-                 [&](const Eigen::Vector3d& p_m) { return *camera.project(T_c_m * p_m); });
-  return pixels;
-}
-
-double shortestSide(const Corners& c) {
-  double shortest = 1e9;
-  for (std::size_t i = 0; i < 4; ++i) {
-    shortest = std::min(shortest, (c[i] - c[(i + 1) % 4]).norm());
-  }
-  return shortest;
-}
-
-Eigen::Vector2d middle(const Corners& c) { return 0.25 * (c[0] + c[1] + c[2] + c[3]); }
+Eigen::Vector2d middle(const ImageCorners& c) { return 0.25 * (c[0] + c[1] + c[2] + c[3]); }
 
 // A few frames of a scene, rendered.
 struct Sequence {
@@ -135,12 +74,14 @@ Options aprilTags(const char* scene) {
 
 Bias measure(const Options& options, int every) {
   Sequence sequence = open(options);
-  Detector detector;
+  const slam::CameraModel camera(sequence.simulation->camera());
+  testing::AprilTagDetector detector;
   Bias bias;
   for (std::int64_t k = 0; k < sequence.simulation->frameCount(); k += every) {
-    const std::map<int, Corners> found = detector.detect(sequence.render(k));
+    const std::map<int, ImageCorners> found = detector.detect(sequence.render(k));
     for (const Marker& marker : sequence.simulation->visibleMarkers(k)) {
-      const Corners truth = project(*sequence.simulation, k, marker);
+      const ImageCorners truth =
+          projectMarker(camera, sequence.simulation->poseAt(k), marker).value();
       if (shortestSide(truth) < 20.0) continue;
       const auto corners = found.find(marker.id);
       if (corners == found.end()) continue;

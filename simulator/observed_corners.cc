@@ -1,7 +1,10 @@
 #include "simulator/observed_corners.h"
 
+#include <algorithm>
+
 #include <Eigen/LU>
 
+#include "simulator/projected_marker.h"
 #include "simulator/random.h"
 
 namespace waymark::simulator {
@@ -14,14 +17,12 @@ std::optional<slam::MarkerDetection> seen(const slam::CameraModel& camera,
   const bool in_front = T_c_m.p.z() > 0.0;
   const bool faces_us = T_c_m.R.col(2).dot(T_c_m.p) < 0.0;
   if (!in_front || !faces_us) return std::nullopt;
+  const std::optional<ImageCorners> pixels = projectMarker(camera, T_c_m, marker.size_m);
+  const auto in_image = [&](const Eigen::Vector2d& pixel) { return camera.inImage(pixel); };
+  if (!pixels || !std::ranges::all_of(*pixels, in_image)) return std::nullopt;
   slam::MarkerDetection detection;
   detection.id = marker.id;
-  const auto corners = slam::markerCorners(marker.size_m);
-  for (std::size_t k = 0; k < 4; ++k) {
-    const auto pixel = camera.project(T_c_m * corners[k]);
-    if (!pixel || !camera.inImage(*pixel)) return std::nullopt;
-    detection.pixels[k] = *pixel;
-  }
+  detection.pixels = *pixels;
   return detection;
 }
 

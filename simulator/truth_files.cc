@@ -1,13 +1,11 @@
 #include "simulator/truth_files.h"
 
-#include <algorithm>
-#include <array>
 #include <cmath>
-#include <cstddef>
 #include <set>
 #include <string>
 
 #include "io/calibration_file.h"
+#include "simulator/projected_marker.h"
 #include "slam/detection/marker_detection.h"
 
 namespace waymark::simulator {
@@ -37,19 +35,10 @@ std::vector<io::VisibleMarker> trueVisibility(const Simulation& simulation) {
   std::vector<io::VisibleMarker> visible;
   for (std::int64_t k = 0; k < simulation.frameCount(); ++k) {
     if (simulation.isDark(k)) continue;
-    const slam::Transform T_c_w = simulation.poseAt(k).inverse();
+    const slam::Transform T_w_c = simulation.poseAt(k);
     for (const Marker& marker : simulation.visibleMarkers(k)) {
-      const auto corners = slam::markerCorners(marker.size_m);
-      std::array<Eigen::Vector2d, 4> pixels;
-      std::transform(corners.begin(), corners.end(), pixels.begin(),
-                     [&](const Eigen::Vector3d& p_m) {
-                       // Has a value: the whole paper is in the image.
-                       return camera.project(T_c_w * (marker.T_w_m * p_m)).value();
-                     });
-      double side_px = (pixels[0] - pixels[3]).norm();
-      for (std::size_t i = 1; i < 4; ++i) {
-        side_px = std::min(side_px, (pixels[i] - pixels[i - 1]).norm());
-      }
+      // Has a value: the whole paper is in the image.
+      const double side_px = shortestSide(projectMarker(camera, T_w_c, marker).value());
       visible.push_back({std::llround(1e9 * simulation.timeOf(k)), marker.id, side_px});
     }
   }

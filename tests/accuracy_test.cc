@@ -16,6 +16,7 @@
 
 #include "capture/open_source.h"
 #include "io/calibration_file.h"
+#include "simulator/projected_marker.h"
 #include "simulator/simulated_source.h"
 #include "slam/slam.h"
 
@@ -66,20 +67,12 @@ CornerErrors cornerErrors(const simulator::Options& options) {
     const Transform T_w_c = (*source)->poseAt(static_cast<std::int64_t>(frame.stamp().sequence));
     for (const MarkerDetection& seen : detector.detect(frame.image())) {
       ASSERT_TRUE(truth.contains(seen.id)) << "false id " << seen.id;
-      const simulator::Marker& marker = truth.at(seen.id);
-      const auto corners = slam::markerCorners(marker.size_m);
-      std::array<Eigen::Vector2d, 4> expected;
-      Eigen::Vector2d middle = Eigen::Vector2d::Zero();
-      for (std::size_t k = 0; k < 4; ++k) {
-        expected[k] = *camera.project(T_w_c.inverse() * (marker.T_w_m * corners[k]));
-        middle += 0.25 * expected[k];
-      }
-      double shortest = 1e9;
-      for (std::size_t k = 0; k < 4; ++k) {
-        shortest = std::min(shortest, (expected[(k + 1) % 4] - expected[k]).norm());
-      }
+      const auto projected = simulator::projectMarker(camera, T_w_c, truth.at(seen.id));
+      ASSERT_TRUE(projected) << "marker " << seen.id << " is behind the camera";
+      const simulator::ImageCorners& expected = *projected;
+      const Eigen::Vector2d middle = 0.25 * (expected[0] + expected[1] + expected[2] + expected[3]);
       constexpr double kSmallest = 20.0;
-      if (shortest < kSmallest) continue;
+      if (simulator::shortestSide(expected) < kSmallest) continue;
       for (std::size_t k = 0; k < 4; ++k) {
         const Eigen::Vector2d error = seen.pixels[k] - expected[k];
         Eigen::Matrix2d J;

@@ -161,6 +161,13 @@ TEST_F(WaymarkTool, ConfigurationFile) {
   expectBadInput(runWith("[slam\n"), "w.toml:1:");
   expectBadInput(runWith(slam + "[slam.detector]\nscanner.min_side_px = 'large'\n"),
                  "w.toml:5:23: slam.detector.scanner.min_side_px: must be a number");
+  // Each value is right by itself.
+  const std::string anchor =
+      "[[slam.markers.anchors]]\nid = 1\np_m = [0, 0, 0]\nq_wxyz = [1, 0, 0, 0]\n";
+  expectBadInput(runWith(slam + "[slam.markers]\norigin = 2\n" + anchor),
+                 "w.toml: slam: anchors and an origin marker both fix the world");
+  expectBadInput(runWith(slam + "[slam.markers]\nignored = '0-3'\n" + anchor),
+                 "w.toml: slam: anchor 1 is among the ignored ids");
   expectBadInput(waymark({"run", video(), "--config", "/nowhere.toml", "--calibration", "c.yml"}),
                  "/nowhere.toml: cannot be read");
 }

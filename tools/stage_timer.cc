@@ -1,24 +1,18 @@
 #include "tools/stage_timer.h"
 
 #include <algorithm>
-#include <ctime>
 #include <numeric>
 #include <span>
 
 #include <nlohmann/json.hpp>
 
+#include "base/clock.h"
 #include "base/quantile.h"
 
 namespace waymark::tools {
 namespace {
 
 constexpr std::array<const char*, 3> kStageNames = {"detect", "track", "map"};
-
-double read_ms(clockid_t clock) {
-  timespec time{};
-  clock_gettime(clock, &time);
-  return 1e3 * static_cast<double>(time.tv_sec) + 1e-6 * static_cast<double>(time.tv_nsec);
-}
 
 nlohmann::ordered_json toJson(const std::vector<double>& times_ms) {
   const TimeSummary s = summarise(times_ms);
@@ -40,7 +34,7 @@ TimeSummary summarise(std::vector<double> times) {
 }
 
 StageTimer::Reading StageTimer::now() {
-  return {read_ms(CLOCK_MONOTONIC), read_ms(CLOCK_THREAD_CPUTIME_ID)};
+  return {1e-6 * static_cast<double>(monotonicNs()), 1e-6 * static_cast<double>(threadCpuNs())};
 }
 
 void StageTimer::start(Watch& watch) { watch.started = now(); }

@@ -4,46 +4,40 @@
 #include <array>
 #include <cmath>
 #include <random>
-#include <vector>
 
 #include <gtest/gtest.h>
+
+#include "slam/testing/picture.h"
 
 namespace waymark::slam {
 namespace {
 
-struct Picture {
-  int width;
-  int height;
-  std::vector<std::uint8_t> pixels;
-
-  Picture(int w, int h, std::uint8_t grey)
-      : width(w), height(h), pixels(static_cast<std::size_t>(w * h), grey) {}
-  std::uint8_t& at(int x, int y) { return pixels[static_cast<std::size_t>(y * width + x)]; }
-  [[nodiscard]] std::uint8_t near(int x, int y) const {
-    const int column = std::clamp(x, 0, width - 1);
-    const int row = std::clamp(y, 0, height - 1);
-    return pixels[static_cast<std::size_t>(row * width + column)];
-  }
-  [[nodiscard]] ImageView view() const { return {pixels.data(), width, height, width}; }
-};
+using testing::Picture;
 
 Picture noise(int width, int height, unsigned seed) {
   Picture picture(width, height, 0);
   std::mt19937 rng(seed);
   std::uniform_int_distribution<int> grey(0, 255);
-  for (auto& pixel : picture.pixels) pixel = static_cast<std::uint8_t>(grey(rng));
+  for (int y = 0; y < height; ++y) {
+    for (int x = 0; x < width; ++x) picture.at(x, y) = static_cast<std::uint8_t>(grey(rng));
+  }
   return picture;
+}
+
+// Beyond the border, the border's own pixel.
+int nearest(const Picture& picture, int x, int y) {
+  return picture.at(std::clamp(x, 0, picture.width() - 1), std::clamp(y, 0, picture.height() - 1));
 }
 
 // By the definition, pixel by pixel.
 bool isDark(const Picture& picture, int x, int y, const DarkMaskOptions& options) {
   int sum = 0;
   for (int dy = -8; dy < 8; ++dy) {
-    for (int dx = -8; dx < 8; ++dx) sum += picture.near(x + dx, y + dy);
+    for (int dx = -8; dx < 8; ++dx) sum += nearest(picture, x + dx, y + dy);
   }
   const auto factor = static_cast<unsigned>(std::lround(65536.0 * (1.0 - options.share) / 256.0));
   const auto level = static_cast<int>(static_cast<unsigned>(sum) * factor >> 16U);
-  return picture.near(x, y) + std::lround(options.offset) < level;
+  return nearest(picture, x, y) + std::lround(options.offset) < level;
 }
 
 TEST(DarkMask, IsWhatItsDefinitionSays) {
@@ -75,9 +69,8 @@ TEST(DarkMask, IsWhatItsDefinitionSays) {
 TEST(DarkMask, SquaresAreDarkInAnyLight) {
   for (const int light : {30, 90, 250}) {
     Picture picture(80, 60, static_cast<std::uint8_t>(light));
-    for (int y = 20; y < 32; ++y) {
-      for (int x = 30; x < 42; ++x) picture.at(x, y) = static_cast<std::uint8_t>(light / 4);
-    }
+    picture.paint(static_cast<std::uint8_t>(light / 4),
+                  [](int x, int y) { return x >= 30 && x < 42 && y >= 20 && y < 32; });
     DarkMaskMaker maker(std::array{DarkMaskOptions{}});
     const DarkMask& mask = maker.make(picture.view())[0];
     int dark_pixels = 0;

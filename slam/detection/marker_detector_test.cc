@@ -1,20 +1,15 @@
 #include "slam/detection/marker_detector.h"
 
-#include <vector>
-
 #include <gtest/gtest.h>
+
+#include "slam/testing/picture.h"
 
 namespace waymark::slam {
 namespace {
 
 // A light wall on which markers are drawn upright or turned by quarters, with sharp edges.
-class Wall {
- public:
-  explicit Wall(const CameraModel& camera)
-      : width_(camera.width()),
-        height_(camera.height()),
-        pixels_(static_cast<std::size_t>(width_) * static_cast<std::size_t>(height_), 210) {}
-
+class MarkerDetectorTest : public ::testing::Test {
+ protected:
   // `left` and `top`: the first pixel of the border.
   void draw(const Dictionary& dictionary, int id, int left, int top, int cell_px,
             int quarters = 0) {
@@ -28,33 +23,23 @@ class Wall {
           row = cells - 1 - column;
           column = before;
         }
-        at(left + x, top + y) = dictionary.white(id, row, column) ? 200 : 30;
+        wall_.at(left + x, top + y) = dictionary.white(id, row, column) ? 200 : 30;
       }
     }
   }
-  std::uint8_t& at(int x, int y) { return pixels_[static_cast<std::size_t>(y * width_ + x)]; }
-  [[nodiscard]] ImageView view() const { return {pixels_.data(), width_, height_, width_}; }
 
- private:
-  int width_;
-  int height_;
-  std::vector<std::uint8_t> pixels_;
-};
-
-class MarkerDetectorTest : public ::testing::Test {
- protected:
   CameraModel camera_{
       Calibration{.width = 640, .height = 480, .fx = 520.0, .fy = 520.0, .cx = 319.5, .cy = 239.5}};
   Dictionary dictionary_ = *Dictionary::byName("ARUCO_MIP_36h12");
   MarkerDetector detector_{camera_, dictionary_};
-  Wall wall_{camera_};
+  testing::Picture wall_{camera_.width(), camera_.height(), 210};
 };
 
 TEST_F(MarkerDetectorTest, CornersBeginAtThePrintsTopLeft) {
   constexpr int kCell = 6;
   const int side = kCell * dictionary_.cells();
-  wall_.draw(dictionary_, 3, 100, 80, kCell);
-  wall_.draw(dictionary_, 9, 300, 80, kCell, 1);
+  draw(dictionary_, 3, 100, 80, kCell);
+  draw(dictionary_, 9, 300, 80, kCell, 1);
   const auto& found = detector_.detect(wall_.view());
   ASSERT_EQ(found.size(), 2U);
   EXPECT_EQ(found[0].id, 3);
@@ -69,16 +54,16 @@ TEST_F(MarkerDetectorTest, CornersBeginAtThePrintsTopLeft) {
 }
 
 TEST_F(MarkerDetectorTest, SmallMarkersAreRead) {
-  wall_.draw(dictionary_, 5, 100, 80, 2);
+  draw(dictionary_, 5, 100, 80, 2);
   const auto& found = detector_.detect(wall_.view());
   ASSERT_EQ(found.size(), 1U);
   EXPECT_EQ(found[0].id, 5);
 }
 
 TEST_F(MarkerDetectorTest, OneIdTwiceIsNone) {
-  wall_.draw(dictionary_, 3, 100, 80, 6);
-  wall_.draw(dictionary_, 3, 300, 200, 6);
-  wall_.draw(dictionary_, 4, 300, 80, 6);
+  draw(dictionary_, 3, 100, 80, 6);
+  draw(dictionary_, 3, 300, 200, 6);
+  draw(dictionary_, 4, 300, 80, 6);
   const auto& found = detector_.detect(wall_.view());
   ASSERT_EQ(found.size(), 1U);
   EXPECT_EQ(found[0].id, 4);
@@ -86,7 +71,7 @@ TEST_F(MarkerDetectorTest, OneIdTwiceIsNone) {
 }
 
 TEST_F(MarkerDetectorTest, AWrongBitIsCorrectedAndCounted) {
-  wall_.draw(dictionary_, 3, 100, 80, 6);
+  draw(dictionary_, 3, 100, 80, 6);
   const std::uint8_t grey = dictionary_.white(3, 2, 3) ? 30 : 200;
   for (int y = 0; y < 6; ++y) {
     for (int x = 0; x < 6; ++x) wall_.at(100 + 3 * 6 + x, 80 + 2 * 6 + y) = grey;
@@ -98,16 +83,15 @@ TEST_F(MarkerDetectorTest, AWrongBitIsCorrectedAndCounted) {
 }
 
 TEST_F(MarkerDetectorTest, WhatIsNoMarkerIsNotFound) {
-  for (int y = 80; y < 140; ++y) {  // a plain dark square
-    for (int x = 100; x < 160; ++x) wall_.at(x, y) = 30;
-  }
-  wall_.draw(*Dictionary::byName("5X5_1000"), 7, 300, 80, 8);
+  // A plain dark square.
+  wall_.paint(30, [](int x, int y) { return x >= 100 && x < 160 && y >= 80 && y < 140; });
+  draw(*Dictionary::byName("5X5_1000"), 7, 300, 80, 8);
   EXPECT_TRUE(detector_.detect(wall_.view()).empty());
   EXPECT_EQ(detector_.counters().quads, 2);
 }
 
 TEST_F(MarkerDetectorTest, CutOffMarkersAreNotFound) {
-  wall_.draw(dictionary_, 3, camera_.width() - 48, 80, 6);  // up to the image's last column
+  draw(dictionary_, 3, camera_.width() - 48, 80, 6);  // up to the image's last column
   EXPECT_TRUE(detector_.detect(wall_.view()).empty());
 }
 

@@ -4,52 +4,40 @@
 #include <array>
 #include <cmath>
 #include <numbers>
-#include <random>
-#include <vector>
+#include <span>
 
 #include <gtest/gtest.h>
 
 #include "slam/detection/dark_mask.h"
+#include "slam/testing/picture.h"
 
 namespace waymark::slam {
 namespace {
 
 // A light picture with dark shapes, as a threshold would see them.
-class Picture {
+class Shapes {
  public:
-  Picture(int width, int height)
-      : width_(width), pixels_(static_cast<std::size_t>(width * height), 200), height_(height) {}
-
   // Dark where `inside` says so of a pixel's centre.
   template <typename Inside>
   void darken(const Inside& inside, std::uint8_t grey = 20) {
-    for (int y = 0; y < height_; ++y) {
-      for (int x = 0; x < width_; ++x) {
-        if (inside(Eigen::Vector2d(x, y))) pixels_[static_cast<std::size_t>(y * width_ + x)] = grey;
-      }
-    }
+    picture_.paint(grey, [&](int x, int y) { return inside(Eigen::Vector2d(x, y)); });
   }
-  void darken(const Quad& quad, std::uint8_t grey = 20) {
-    darken(
-        [&](const Eigen::Vector2d& p) {
-          for (std::size_t k = 0; k < 4; ++k) {
-            const Eigen::Vector2d side = quad[(k + 1) % 4] - quad[k];
-            const Eigen::Vector2d to = p - quad[k];
-            if (side.x() * to.y() - side.y() * to.x() < 0.0) return false;
-          }
-          return true;
-        },
-        grey);
+  void darken(const Quad& quad) {
+    darken([&](const Eigen::Vector2d& p) {
+      for (std::size_t k = 0; k < 4; ++k) {
+        const Eigen::Vector2d side = quad[(k + 1) % 4] - quad[k];
+        const Eigen::Vector2d to = p - quad[k];
+        if (side.x() * to.y() - side.y() * to.x() < 0.0) return false;
+      }
+      return true;
+    });
   }
 
-  std::span<const DarkRegion> regions() {
-    return finder_.find(masks_.make({pixels_.data(), width_, height_, width_})[0]);
-  }
+  // Valid until the next call.
+  std::span<const DarkRegion> regions() { return finder_.find(masks_.make(picture_.view())[0]); }
 
  private:
-  int width_;
-  std::vector<std::uint8_t> pixels_;
-  int height_;
+  testing::Picture picture_{160, 120, 200};
   DarkMaskMaker masks_{std::array{DarkMaskOptions{}}};
   DarkRegionFinder finder_;
 };
@@ -80,9 +68,9 @@ TEST(RegionQuad, FindsSquaresTurnedAnyWay) {
   for (const double side : {14.0, 25.0, 60.0}) {
     for (double degrees = 0.0; degrees < 90.0; degrees += 3.0) {
       const Quad truth = turned(side, degrees * std::numbers::pi / 180.0);
-      Picture picture(160, 120);
-      picture.darken(truth);
-      const auto regions = picture.regions();
+      Shapes shapes;
+      shapes.darken(truth);
+      const auto regions = shapes.regions();
       ASSERT_EQ(regions.size(), 1U) << side << " px, " << degrees << " degrees";
       const auto quad = RegionQuadFitter().fit(regions[0]);
       ASSERT_TRUE(quad) << side << " px, " << degrees << " degrees";
@@ -97,9 +85,9 @@ TEST(RegionQuad, FindsSquaresTurnedAnyWay) {
 TEST(RegionQuad, FindsSquaresSeenFromTheSide) {
   for (double degrees = 0.0; degrees < 90.0; degrees += 7.0) {
     const Quad truth = turned(40.0, degrees * std::numbers::pi / 180.0, 0.4);
-    Picture picture(160, 120);
-    picture.darken(truth);
-    const auto quad = RegionQuadFitter().fit(picture.regions()[0]);
+    Shapes shapes;
+    shapes.darken(truth);
+    const auto quad = RegionQuadFitter().fit(shapes.regions()[0]);
     ASSERT_TRUE(quad) << degrees << " degrees";
     EXPECT_LT(difference(*quad, truth), 2.0) << degrees << " degrees";
   }
@@ -107,21 +95,21 @@ TEST(RegionQuad, FindsSquaresSeenFromTheSide) {
 
 TEST(RegionQuad, ALightCellMayBreakThroughTheBorder) {
   const Quad truth = turned(40.0, 0.4);
-  Picture picture(160, 120);
-  picture.darken(truth);
+  Shapes shapes;
+  shapes.darken(truth);
   const Eigen::Vector2d hole = 0.5 * (truth[0] + truth[1]);
-  picture.darken([&](const Eigen::Vector2d& p) { return (p - hole).norm() < 5.0; }, 200);
-  const auto quad = RegionQuadFitter().fit(picture.regions()[0]);
+  shapes.darken([&](const Eigen::Vector2d& p) { return (p - hole).norm() < 5.0; }, 200);
+  const auto quad = RegionQuadFitter().fit(shapes.regions()[0]);
   ASSERT_TRUE(quad);
   EXPECT_LT(difference(*quad, truth), 1.2);
 }
 
 TEST(RegionQuad, OtherShapesAreNone) {
   const auto quads = [](const auto& inside) {
-    Picture picture(160, 120);
-    picture.darken(inside);
+    Shapes shapes;
+    shapes.darken(inside);
     int count = 0;
-    for (const DarkRegion& region : picture.regions()) {
+    for (const DarkRegion& region : shapes.regions()) {
       count += RegionQuadFitter().fit(region) ? 1 : 0;
     }
     return count;
@@ -146,13 +134,13 @@ TEST(RegionQuad, OtherShapesAreNone) {
 }
 
 TEST(DarkRegions, CornersThatTouchDoNotJoin) {
-  Picture picture(160, 120);
-  picture.darken([](const Eigen::Vector2d& p) {
+  Shapes shapes;
+  shapes.darken([](const Eigen::Vector2d& p) {
     const bool first = p.x() >= 30 && p.x() < 60 && p.y() >= 30 && p.y() < 60;
     const bool second = p.x() >= 60 && p.x() < 90 && p.y() >= 60 && p.y() < 90;
     return first || second;
   });
-  const auto regions = picture.regions();
+  const auto regions = shapes.regions();
   ASSERT_EQ(regions.size(), 2U);
   EXPECT_EQ(regions[0].left, 30);
   EXPECT_EQ(regions[0].right, 59);
@@ -163,13 +151,13 @@ TEST(DarkRegions, CornersThatTouchDoNotJoin) {
 }
 
 TEST(DarkRegions, BranchesThatMeetBelowAreOne) {
-  Picture picture(160, 120);
-  picture.darken([](const Eigen::Vector2d& p) {
+  Shapes shapes;
+  shapes.darken([](const Eigen::Vector2d& p) {
     const bool tooth =
         (p.x() >= 30 && p.x() < 40) || (p.x() >= 50 && p.x() < 60) || (p.x() >= 70 && p.x() < 80);
     return p.y() >= 20 && p.y() < 50 && (tooth || (p.y() >= 40 && p.x() >= 30 && p.x() < 80));
   });
-  const auto regions = picture.regions();
+  const auto regions = shapes.regions();
   ASSERT_EQ(regions.size(), 1U);
   EXPECT_EQ(regions[0].left, 30);
   EXPECT_EQ(regions[0].right, 79);
@@ -178,11 +166,10 @@ TEST(DarkRegions, BranchesThatMeetBelowAreOne) {
 }
 
 TEST(DarkRegions, WhatTheImageCutsOffIsLeftOut) {
-  Picture picture(160, 120);
-  picture.darken([](const Eigen::Vector2d& p) { return p.x() < 30.0 && p.y() > 40 && p.y() < 70; });
-  picture.darken(
-      [](const Eigen::Vector2d& p) { return p.y() > 100.0 && p.x() > 60 && p.x() < 90; });
-  EXPECT_TRUE(picture.regions().empty());
+  Shapes shapes;
+  shapes.darken([](const Eigen::Vector2d& p) { return p.x() < 30.0 && p.y() > 40 && p.y() < 70; });
+  shapes.darken([](const Eigen::Vector2d& p) { return p.y() > 100.0 && p.x() > 60 && p.x() < 90; });
+  EXPECT_TRUE(shapes.regions().empty());
 }
 
 }  // namespace
