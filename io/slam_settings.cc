@@ -102,6 +102,8 @@ std::vector<Setting> slamSettingKeys(SlamSettings& target) {
                     255.0, "grey levels"),
       integerSetting("slam.detector.decoder.max_wrong_bits", o.detector.decoder.max_wrong_bits, 0,
                      8),
+      flagSetting("slam.follower.enabled", o.follower.enabled),
+      numberSetting("slam.follower.turns.round_s", o.follower.turns.round_s, 0.01, 10.0, "s"),
       numberSetting("slam.initialisation.ambiguity_ratio", o.initialisation.ambiguity_ratio, 1.0,
                     1000.0, ""),
       numberSetting("slam.tracking.marker_chi2", o.tracking.pose.marker_chi2, 1.0, 1e6, ""),

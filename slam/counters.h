@@ -21,6 +21,8 @@ struct Counters {
   std::uint64_t quarantined_markers = 0;  // moved, or contradicted the map
   std::uint64_t gated_views = 0;          // too far off for a local optimisation
   std::uint64_t refused_markers = 0;      // printed twice, or moved again and again
+  std::uint64_t full_scans = 0;           // frames searched as a whole
+  std::uint64_t followed_frames = 0;  // frames searched where markers were expected, and in turns
 };
 
 // Calls use(name, value) for each, in the order in which health and stats.json list them.
@@ -41,7 +43,9 @@ void forEachCounter(const Counters& counters, const Use& use) {
   use("quarantined_markers", counters.quarantined_markers);
   use("gated_views", counters.gated_views);
   use("refused_markers", counters.refused_markers);
-  static_assert(sizeof(Counters) == 15 * sizeof(std::uint64_t), "one is missing here");
+  use("full_scans", counters.full_scans);
+  use("followed_frames", counters.followed_frames);
+  static_assert(sizeof(Counters) == 17 * sizeof(std::uint64_t), "one is missing here");
 }
 
 }  // namespace waymark::slam

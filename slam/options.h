@@ -4,7 +4,7 @@
 
 #include <string>
 
-#include "slam/detection/marker_detector.h"
+#include "slam/detection/marker_follower.h"
 #include "slam/initialisation/initialiser.h"
 #include "slam/loop_closure/loop_closer.h"
 #include "slam/map/marker_options.h"
@@ -22,6 +22,7 @@ struct Options {
   bool mapping = true;
 
   DetectorOptions detector;
+  FollowerOptions follower;
   InitialisationOptions initialisation;
   TrackerOptions tracking;
   MapperOptions mapper;

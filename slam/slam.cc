@@ -6,6 +6,7 @@
 #include "slam/loop_closure/loop_closer.h"
 #include "slam/loop_closure/loop_detector.h"
 #include "slam/loop_closure/loop_evidence.h"
+#include "slam/tracking/expected_markers.h"
 
 namespace waymark::slam {
 namespace {
@@ -35,7 +36,7 @@ class Slam::Impl {
       : options_(options),
         camera_(camera),
         given_intrinsics_(camera.intrinsics()),
-        detector_(camera_, std::move(dictionary), options.detector),
+        follower_(camera_, std::move(dictionary), options.detector, options.follower),
         initialiser_(options.markers, camera_.focalLength(), options.initialisation),
         tracker_(camera_.focalLength(), options.tracking),
         mapper_(options.markers, camera_.focalLength(), options.mapper),
@@ -44,14 +45,17 @@ class Slam::Impl {
         locator_(watch_, camera_, readout_, tracker_),
         map_(std::move(map)),
         last_old_keyframe_(map_.keyframes().empty() ? -1 : map_.keyframes().rbegin()->first) {
-    map_.dictionary = detector_.dictionary().name();
+    map_.dictionary = follower_.dictionary().name();
   }
 
   FrameResult processFrame(const ImageView& image, const FrameTime& time, StageObserver* observer) {
     std::span<const MarkerDetection> detections;
     {
       const StageScope scope(observer, Stage::kDetect);
-      detections = detector_.detect(image);
+      expectMarkers(time.monotonic_ns);
+      detections = follower_.find(image, time.monotonic_ns, expected_);
+      ++(follower_.mode() == SearchMode::kFullScan ? counters_.full_scans
+                                                   : counters_.followed_frames);
     }
     return processDetections(detections, time, observer);
   }
@@ -116,6 +120,23 @@ class Slam::Impl {
   [[nodiscard]] double readout_s() const { return readout_.seconds(); }
 
  private:
+  // Fills expected_ with the markers of the last frame and those near it in the map.
+  void expectMarkers(std::int64_t time_ns) {
+    expected_.clear();
+    const auto before = tracker_.lastPose();
+    const auto now = tracker_.predict(time_ns);
+    if (!before || !now) return;
+    const auto local = loop_detector_.localMarkers();
+    expected_ids_.assign(local.begin(), local.end());
+    for (const auto& followed : follower_.followed()) {
+      expected_ids_.push_back(followed.sighting.detection.id);
+    }
+    std::ranges::sort(expected_ids_);
+    const auto repeated = std::ranges::unique(expected_ids_);
+    expected_ids_.erase(repeated.begin(), repeated.end());
+    slam::expectMarkers(map_, expected_ids_, *before, *now, &expected_);
+  }
+
   // What a frame shows, by what it is good for, and what has become of it so far.
   struct Sight {
     FrameTime time;
@@ -393,7 +414,7 @@ class Slam::Impl {
   Options options_;
   CameraModel camera_;
   IntrinsicVector given_intrinsics_;
-  MarkerDetector detector_;
+  MarkerFollower follower_;
   Initialiser initialiser_;
   Tracker tracker_;
   Mapper mapper_;
@@ -402,6 +423,9 @@ class Slam::Impl {
   Readout readout_;
   PastFrameLocator locator_;
   Map map_;
+  // Reused from frame to frame.
+  std::vector<int> expected_ids_;
+  std::vector<ExpectedMarker> expected_;
   KeyframeId last_old_keyframe_;  // of the map given at the start; -1 for none
   Counters counters_;
   int frames_to_next_attempt_ = 0;  // to close a loop, after one was refused

@@ -5,9 +5,8 @@
 #include <cmath>
 #include <cstddef>
 
-#include <Eigen/Cholesky>
-
 #include "base/vectorised.h"
+#include "slam/detection/small_cholesky.h"
 
 namespace waymark::slam {
 namespace {
@@ -19,31 +18,35 @@ constexpr std::size_t kUnknowns = 7;
 using VectorU = Eigen::Matrix<double, kUnknowns, 1>;
 using MatrixU = Eigen::Matrix<double, kUnknowns, kUnknowns>;
 
-// Of the normal equations; H row by row of its lower triangle.
+// What the normal equations are made of: H row by row of its lower triangle, the gradient, the sum
+// of squared residuals and that of the weights.
+constexpr std::size_t kTriangle = kUnknowns * (kUnknowns + 1) / 2;
+constexpr std::size_t kSquares = kTriangle + kUnknowns;
+constexpr std::size_t kWeights = kSquares + 1;
+constexpr std::size_t kSums = (kWeights + 1 + kLanes - 1) / kLanes * kLanes;  // and some of nothing
+
 struct NormalSums {
-  static constexpr std::size_t kTriangle = kUnknowns * (kUnknowns + 1) / 2;
-  std::array<float, kTriangle> H{};
-  std::array<float, kUnknowns> g{};
-  float squares = 0.0F;
-  float weights = 0.0F;
+  alignas(32) std::array<float, kSums> sums{};
 
   [[nodiscard]] MatrixU matrix() const {
     MatrixU matrix;
     std::size_t k = 0;
     for (Eigen::Index i = 0; i < matrix.rows(); ++i) {
-      for (Eigen::Index j = 0; j <= i; ++j) matrix(i, j) = matrix(j, i) = H[k++];
+      for (Eigen::Index j = 0; j <= i; ++j) matrix(i, j) = matrix(j, i) = sums[k++];
     }
     return matrix;
   }
   [[nodiscard]] VectorU gradient() const {
     VectorU gradient;
-    for (std::size_t i = 0; i < kUnknowns; ++i) gradient[static_cast<Eigen::Index>(i)] = g[i];
+    for (std::size_t i = 0; i < kUnknowns; ++i) {
+      gradient[static_cast<Eigen::Index>(i)] = sums[kTriangle + i];
+    }
     return gradient;
   }
   // Of the residuals; at least a quarter, which quantisation makes.
   [[nodiscard]] double variance() const {
-    const double degrees = std::max(static_cast<double>(weights) - double{kUnknowns}, 1.0);
-    return std::max(static_cast<double>(squares) / degrees, 0.25);
+    const double degrees = static_cast<double>(sums[kWeights]) - double{kUnknowns};
+    return std::max(static_cast<double>(sums[kSquares]) / std::max(degrees, 1.0), 0.25);
   }
 };
 
@@ -80,34 +83,25 @@ struct RowSums {
   Lanes rr{}, weights{};
 };
 
-// The sums of all rows, each row's t put in.
-struct LaneSums {
-  std::array<Lanes, NormalSums::kTriangle> H{};
-  std::array<Lanes, kUnknowns> g{};
-  Lanes squares{};
-  Lanes weights{};
-};
-
-WAYMARK_INLINE void addRows(const RowSums& s, const Lanes& t, LaneSums* sums) {
+// The terms of NormalSums that eight rows add, each row's t put in.
+WAYMARK_INLINE void termsOf(const RowSums& s, const Lanes& t, std::array<Lanes, kSums>* terms) {
   const Lanes u = 1.0F - t;
   const Lanes c = t - 0.5F;
   const Lanes cc = c * c;
-  const std::array<Lanes, NormalSums::kTriangle> H = {
-      u * u * s.ss,                                                         // shift at start
-      u * t * s.ss, t * t * s.ss,                                           // at end
-      u * s.sl,     t * s.sl,     s.ll,                                     // white
-      u * s.sd,     t * s.sd,     s.ld,     s.dd,                           // black
-      u * s.sb,     t * s.sb,     s.lb,     s.db,     s.bb,                 // blur
-      c * u * s.sl, c * t * s.sl, c * s.ll, c * s.ld, c * s.lb, cc * s.ll,  // white's slope
-      c * u * s.sd, c * t * s.sd, c * s.ld, c * s.dd, c * s.db, cc * s.ld, cc * s.dd};
-  const std::array<Lanes, kUnknowns> g = {u * s.sr, t * s.sr, s.lr, s.dr, s.br, c * s.lr, c * s.dr};
-  for (std::size_t k = 0; k < H.size(); ++k) sums->H[k] += H[k];
-  for (std::size_t k = 0; k < g.size(); ++k) sums->g[k] += g[k];
-  sums->squares += s.rr;
-  sums->weights += s.weights;
+  const Lanes none{};
+  *terms = {u * u * s.ss,                                                         // start
+            u * t * s.ss, t * t * s.ss,                                           // end
+            u * s.sl,     t * s.sl,     s.ll,                                     // white
+            u * s.sd,     t * s.sd,     s.ld,     s.dd,                           // black
+            u * s.sb,     t * s.sb,     s.lb,     s.db,     s.bb,                 // blur
+            c * u * s.sl, c * t * s.sl, c * s.ll, c * s.ld, c * s.lb, cc * s.ll,  // slopes
+            c * u * s.sd, c * t * s.sd, c * s.ld, c * s.dd, c * s.db, cc * s.ld, cc * s.dd,
+            u * s.sr,     t * s.sr,     s.lr,     s.dr,     s.br,     c * s.lr,  c * s.dr,
+            s.rr,         s.weights,    none,     none,     none};
 }
 
 // cut: squared residual at which a pixel's weight has fallen to a half (Cauchy's kernel).
+// Precondition: there are rows.
 WAYMARK_VECTORISED void linearise(const EdgeRows& rows, const GroupNeighbours& neighbours,
                                   const std::array<float, kUnknowns>& x, float cut,
                                   NormalSums* normal) {
@@ -115,7 +109,7 @@ WAYMARK_VECTORISED void linearise(const EdgeRows& rows, const GroupNeighbours& n
   const float per_cut = 1.0F / cut;
   const float per_blur = 1.0F / x[kBlur];
   const Lanes none{};
-  LaneSums sums;
+  std::array<Lanes, kSums> sums;
   for (std::size_t i = 0; i < rows.rows(); i += kLanes) {
     const Neighbours& near = neighbours[i / kLanes];
     const Lanes t = lanesAt(rows.t.data(), i);
@@ -183,12 +177,16 @@ WAYMARK_VECTORISED void linearise(const EdgeRows& rows, const GroupNeighbours& n
       to_start += rows.to_start_step;
       to_end += rows.to_end_step;
     }
-    addRows(s, t, &sums);
+    std::array<Lanes, kSums> terms;
+    termsOf(s, t, i == 0 ? &sums : &terms);
+    if (i == 0) continue;
+    for (std::size_t k = 0; k < kSums; ++k) sums[k] += terms[k];
   }
-  for (std::size_t k = 0; k < sums.H.size(); ++k) normal->H[k] = sumOf(sums.H[k]);
-  for (std::size_t k = 0; k < sums.g.size(); ++k) normal->g[k] = sumOf(sums.g[k]);
-  normal->squares = sumOf(sums.squares);
-  normal->weights = sumOf(sums.weights);
+  for (std::size_t k = 0; k < kSums; k += kLanes) {
+    sumEach({sums[k], sums[k + 1], sums[k + 2], sums[k + 3], sums[k + 4], sums[k + 5], sums[k + 6],
+             sums[k + 7]},
+            &lanesAt(normal->sums.data(), k));
+  }
 }
 
 // How many samples count.
@@ -225,7 +223,7 @@ std::optional<EdgeFit> fitEdge(const EdgeRows& rows, const EdgeFit& start,
   constexpr double kMostGrowth = 1.3;  // of the blur
   GroupNeighbours neighbours;
   findNeighbours(rows, static_cast<float>(kMostGrowth * start.blur_px), &neighbours);
-  Eigen::LLT<MatrixU> factors;
+  SmallCholesky<kUnknowns> factors;
   // Where the levels are guessed, nothing is an outlier yet.
   double variance = start.variance > 0.0 ? start.variance : 1e9;
   for (int iteration = 0; iteration < options.iterations; ++iteration) {
@@ -248,8 +246,7 @@ std::optional<EdgeFit> fitEdge(const EdgeRows& rows, const EdgeFit& start,
     prior(kWhiteSlope, 0.0, kSlopePrior);
     prior(kBlackSlope, 0.0, kSlopePrior);
 
-    factors.compute(H);
-    if (factors.info() != Eigen::Success) return std::nullopt;
+    if (!factors.factorise(H)) return std::nullopt;
     VectorU step = factors.solve(g);
     if (!step.allFinite()) return std::nullopt;
     for (const Unknown k : {kShiftStart, kShiftEnd}) {

@@ -25,8 +25,10 @@ EdgeRows render(const Truth& truth, double reach, std::mt19937* rng) {
   constexpr double kLength = 40.0;
   std::normal_distribution<double> noise(0.0, 1.0);
   EdgeRows rows;
-  rows.clear(static_cast<std::size_t>(2.0 * reach) + 1);
-  for (int along = 3; along <= kLength - 3; ++along) {
+  constexpr int kEnd = 3;
+  rows.resize(static_cast<std::size_t>(kLength) - 2 * kEnd + 1,
+              static_cast<std::size_t>(2.0 * reach) + 1);
+  for (int along = kEnd; along <= kLength - kEnd; ++along) {
     const double t = along / kLength;
     const double nearest = std::ceil(-reach) + 0.37 * t;  // the grid is not aligned with the edge
     EdgeRow row;
@@ -39,7 +41,8 @@ EdgeRows render(const Truth& truth, double reach, std::mt19937* rng) {
     row.to_end = static_cast<float>(kLength - along);
     row.thickness = static_cast<float>(truth.thickness);
     row.ring_white = truth.white_ring && truth.ring_known ? 1.0F : 0.0F;
-    const std::size_t number = rows.add(row);
+    const auto number = static_cast<std::size_t>(along - kEnd);
+    rows.set(number, row);
     const double shift = truth.shift_start + t * (truth.shift_end - truth.shift_start);
     for (std::size_t k = 0; k < rows.across(); ++k) {
       const double d = nearest + static_cast<double>(k);
@@ -48,7 +51,7 @@ EdgeRows render(const Truth& truth, double reach, std::mt19937* rng) {
       rows.setGrey(number, k, static_cast<float>(200.0 - 160.0 * dark + truth.noise * noise(*rng)));
     }
   }
-  rows.fillUp();
+  rows.ignorePadding();
   return rows;
 }
 

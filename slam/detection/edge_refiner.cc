@@ -7,6 +7,8 @@
 
 #include <Eigen/Geometry>
 #include <Eigen/LU>
+
+#include "base/vectorised.h"
 namespace waymark::slam {
 namespace {
 
@@ -80,6 +82,87 @@ float ringWhite(const MarkerSide& side, const InnerRing& ring, std::size_t index
   return before + step.height * (after - before);
 }
 
+// Rows of pixels across a side.
+struct RowGrid {
+  Eigen::Index major;  // axis along which they follow each other; the other is the minor one
+  int first;           // the first row's coordinate
+  int step;            // from row to row, pixels
+  int last_minor;      // of the image
+  float reach;         // how far from the side along a row, pixels
+};
+
+WAYMARK_INLINE Lanes polynomial(const std::array<float, 5>& c, const Lanes& t) {
+  return c[0] + t * (c[1] + t * (c[2] + t * (c[3] + t * c[4])));
+}
+WAYMARK_INLINE Lanes derivativeOf(const std::array<float, 5>& c, const Lanes& t) {
+  return c[1] + t * (2.0F * c[2] + t * (3.0F * c[3] + t * (4.0F * c[4])));
+}
+
+// Where each row crosses the side, and what follows from that. first_sample: by row, its first
+// sample's coordinate on the minor axis.
+WAYMARK_VECTORISED void crossRows(const MarkerSide& side, const Window& window, const RowGrid& grid,
+                                  EdgeRows* rows, std::int32_t* first_sample) {
+  const auto f = [](double value) { return static_cast<float>(value); };
+  std::array<float, 5> along;
+  std::array<float, 5> over;
+  for (std::size_t k = 0; k < along.size(); ++k) {
+    along[k] = f(side.curve_px[k][grid.major]);
+    over[k] = f(side.curve_px[k][1 - grid.major]);
+  }
+  const float per_delta = 1.0F / f((side.end_px - side.start_px)[grid.major]);
+  const float outward_sign = grid.major == 1 ? 1.0F : -1.0F;
+  const float start_px = f(side.length_px * side.sine_start);
+  const float end_px = f(side.length_px * side.sine_end);
+  const float outer = f(window.outer);
+  const float inner = -f(window.inner);
+  const float thickness = f(side.thickness_start);
+  const float thickness_slope = f(side.thickness_end - side.thickness_start);
+  const auto last_minor = static_cast<float>(grid.last_minor);
+  const auto to_last_sample = static_cast<float>(rows->across() - 1);
+  constexpr float kRounding = 1e-3F;
+  const Lanes none{};
+  for (std::size_t i = 0; i < rows->rows(); i += kLanes) {
+    Lanes c;
+    for (std::size_t k = 0; k < kLanes; ++k) {
+      c[k] = static_cast<float>(grid.first + static_cast<int>(i + k) * grid.step);
+    }
+    // By Newton's method from the chord.
+    Lanes t = (c - along[0]) * per_delta;
+    t -= (polynomial(along, t) - c) / derivativeOf(along, t);
+    const Lanes p = polynomial(over, t);
+    const Lanes d_along = derivativeOf(along, t);
+    const Lanes d_over = derivativeOf(over, t);
+    const Lanes squared = d_along * d_along + d_over * d_over;
+    Lanes norm;
+    for (std::size_t k = 0; k < kLanes; ++k) norm[k] = std::sqrt(squared[k]);
+    const Lanes outward = outward_sign * d_along / norm;
+    // False for a NaN. Rows that cross the side outside the image have nothing of it.
+    const IntLanes crosses = (p > -grid.reach) & (p < last_minor + grid.reach);
+    const Lanes lowest = crosses ? p - grid.reach : none;
+    IntLanes low = __builtin_convertvector(lowest, IntLanes);  // towards zero
+    low -= __builtin_convertvector(low, Lanes) < lowest;       // true is -1
+    const Lanes first = __builtin_convertvector(low, Lanes);
+    const Lanes last = first + to_last_sample;
+    const Lanes before = first - p;
+    const Lanes one_end = ((first > 0.0F ? first : none) - p) * outward;
+    const Lanes other_end = ((last < last_minor ? last : none + last_minor) - p) * outward;
+    const Lanes nearest = (one_end < other_end ? one_end : other_end) - kRounding;
+    const Lanes farthest = (one_end < other_end ? other_end : one_end) + kRounding;
+    lanesAt(rows->t.data(), i) = t;
+    lanesAt(rows->distance.data(), i) = before * outward;
+    lanesAt(rows->step.data(), i) = outward;
+    lanesAt(rows->innermost.data(), i) =
+        crosses ? (nearest > inner ? nearest : none + inner) : none + 1.0F;
+    lanesAt(rows->outermost.data(), i) =
+        crosses ? (farthest < outer ? farthest : none + outer) : none - 1.0F;
+    lanesAt(rows->to_start.data(), i) = t * start_px + before * rows->to_start_step;
+    lanesAt(rows->to_end.data(), i) = (1.0F - t) * end_px + before * rows->to_end_step;
+    lanesAt(rows->thickness.data(), i) = thickness + t * thickness_slope;
+    for (std::size_t k = 0; k < kLanes; ++k) first_sample[i + k] = low[k];
+  }
+  rows->ignorePadding();
+}
+
 // What lies beyond 0 .. last goes to the nearer end, however far away it is.
 int inRange(double value, int last) {
   if (!(value > 0.0)) return 0;
@@ -118,77 +201,68 @@ void EdgeRefiner::layOutRows(const ImageView& image, const std::array<MarkerSide
   const Window window = windowFor(side, blur_px, ring != nullptr);
   // Rows follow each other along the side's longer axis, and cross it along the other.
   const Eigen::Vector2d delta_px = side.end_px - side.start_px;
-  const int major = std::abs(delta_px.x()) >= std::abs(delta_px.y()) ? 0 : 1;
-  const int minor = 1 - major;
+  const Eigen::Index major = std::abs(delta_px.x()) >= std::abs(delta_px.y()) ? 0 : 1;
+  const Eigen::Index minor = 1 - major;
   const int last_major = (major == 0 ? image.width : image.height) - 1;
   const int last_minor = (major == 0 ? image.height : image.width) - 1;
   const double reach =
       std::max(window.outer, window.inner) * side.length_px / std::abs(delta_px[major]);
   const auto across = std::min(static_cast<std::size_t>(2.0 * reach) + 1, EdgeRows::kMostAcross);
-  rows_.clear(across);
+
+  const double margin_t = window.end_margin / side.length_px;
+  const double from = side.pixelAt(margin_t)[major];
+  const double to = side.pixelAt(1.0 - margin_t)[major];
+  const int first = inRange(std::ceil(std::min(from, to)), last_major);
+  const int last = inRange(std::floor(std::max(from, to)), last_major);
+  const int most = std::min(most_rows, static_cast<int>(EdgeRows::kMostRows));
+  const int step = 1 + (last - first) / std::max(most, 1);
+  const int count = last < first ? 0 : (last - first) / step + 1;
+  rows_.resize(static_cast<std::size_t>(count), across);
   const auto inwards = [&](const MarkerSide& neighbour) {  // per pixel of a row
     const Eigen::Vector2d along = (neighbour.end_px - neighbour.start_px).normalized();
     return static_cast<float>(minor == 0 ? -along.y() : along.x());
   };
   rows_.to_start_step = inwards(sides[(index + 3) % 4]);
   rows_.to_end_step = inwards(sides[(index + 1) % 4]);
+  crossRows(side, window, {major, first, step, last_minor, static_cast<float>(reach)}, &rows_,
+            first_sample_.data());
 
-  const double margin_t = window.end_margin / side.length_px;
-  Eigen::Vector2d derivative;
-  const double from = side.pixelAt(margin_t, &derivative)[major];
-  const double to = side.pixelAt(1.0 - margin_t, &derivative)[major];
-  const int first = inRange(std::ceil(std::min(from, to)), last_major);
-  const int last = inRange(std::floor(std::max(from, to)), last_major);
-  const int most = std::min(most_rows, static_cast<int>(EdgeRows::kMostRows));
-  const int step = 1 + (last - first) / std::max(most, 1);
-  for (int c = first; c <= last && !rows_.full(); c += step) {
-    // Where the side crosses the row, by Newton's method from its chord.
-    double t = (c - side.start_px[major]) / delta_px[major];
-    Eigen::Vector2d p = side.pixelAt(t, &derivative);
-    t -= (p[major] - c) / derivative[major];
-    p = side.pixelAt(t, &derivative);
-    if (!(p[minor] > -reach && p[minor] < last_minor + reach)) continue;  // outside the image
-    const double outward = (minor == 0 ? derivative.y() : -derivative.x()) / derivative.norm();
-    const int low = static_cast<int>(std::ceil(p[minor] - reach));
-    const double before = low - p[minor];  // of the first sample, along the row
-    // The part of the row that is in the image.
-    const double edge_a = (std::max(low, 0) - p[minor]) * outward;
-    const double edge_b =
-        (std::min(low + static_cast<int>(across) - 1, last_minor) - p[minor]) * outward;
-    constexpr double kRounding = 1e-3;
-    const auto f = [](double value) { return static_cast<float>(value); };
-    const std::size_t row = rows_.add({
-        .t = f(t),
-        .distance = f(before * outward),
-        .step = f(outward),
-        .innermost = f(std::max(-window.inner, std::min(edge_a, edge_b) - kRounding)),
-        .outermost = f(std::min(window.outer, std::max(edge_a, edge_b) + kRounding)),
-        .to_start = f(t * side.length_px * side.sine_start + before * double{rows_.to_start_step}),
-        .to_end =
-            f((1.0 - t) * side.length_px * side.sine_end + before * double{rows_.to_end_step}),
-        .thickness = f(side.thickness_start + t * (side.thickness_end - side.thickness_start)),
-        .ring_white = ring == nullptr ? 0.0F : ringWhite(side, *ring, index, t, blur_px),
-    });
-    for (std::size_t k = 0; k < across; ++k) {
-      const int r = std::clamp(low + static_cast<int>(k), 0, last_minor);
-      rows_.setGrey(row, k, static_cast<float>(major == 0 ? image.at(c, r) : image.at(r, c)));
+  for (std::size_t row = 0; row < static_cast<std::size_t>(count); ++row) {
+    rows_.ring_white[row] =
+        ring == nullptr ? 0.0F : ringWhite(side, *ring, index, double{rows_.t[row]}, blur_px);
+    const int c = first + static_cast<int>(row) * step;
+    const int low = first_sample_[row];
+    const auto greyAt = [&](int r) {
+      return static_cast<float>(major == 0 ? image.at(c, r) : image.at(r, c));
+    };
+    if (low >= 0 && low + static_cast<int>(across) - 1 <= last_minor) {
+      for (std::size_t k = 0; k < across; ++k) {
+        rows_.setGrey(row, k, greyAt(low + static_cast<int>(k)));
+      }
+    } else {
+      for (std::size_t k = 0; k < across; ++k) {
+        rows_.setGrey(row, k, greyAt(std::clamp(low + static_cast<int>(k), 0, last_minor)));
+      }
     }
   }
-  rows_.fillUp();
 }
 
 std::optional<RefinedQuad> EdgeRefiner::refine(const ImageView& image,
                                                const std::array<Eigen::Vector2d, 4>& corners,
                                                int cells, const InnerRing* ring,
-                                               std::optional<double> blur_px) {
+                                               const SideFits* edges) {
   RefinedQuad quad;
   quad.normalised = corners;
-  std::array<EdgeFit, 4> fits;
-  for (EdgeFit& fit : fits) fit.blur_px = blur_px.value_or(options_.initial_blur_px);
+  SideFits& fits = quad.edges;
+  if (edges != nullptr) {
+    fits = *edges;
+  } else {
+    for (EdgeFit& fit : fits) fit.blur_px = options_.initial_blur_px;
+  }
 
   // Where the edge was far from the first guess, the window is laid around it and fitted again.
   constexpr int kPasses = 2;
-  const bool rough_first = ring != nullptr && !blur_px;
+  const bool rough_first = ring != nullptr && edges == nullptr;
   bool settled = false;
   for (int pass = rough_first ? -1 : 0; pass < kPasses && !settled; ++pass) {
     const auto sides = layOutSides(camera_, quad.normalised, cells);
@@ -212,10 +286,7 @@ std::optional<RefinedQuad> EdgeRefiner::refine(const ImageView& image,
       quad.covariance[k] = corner->covariance;
     }
   }
-  for (std::size_t k = 0; k < 4; ++k) {
-    quad.pixels[k] = camera_.distort(quad.normalised[k]);
-    quad.blur_px += 0.25 * fits[k].blur_px;
-  }
+  for (std::size_t k = 0; k < 4; ++k) quad.pixels[k] = camera_.distort(quad.normalised[k]);
   return quad;
 }
 

@@ -48,11 +48,14 @@ struct InnerRing {
   }
 };
 
+// How the edge of each side looks, side k running from corner k to corner k + 1.
+using SideFits = std::array<EdgeFit, 4>;
+
 struct RefinedQuad {
   std::array<Eigen::Vector2d, 4> pixels;      // distorted
   std::array<Eigen::Vector2d, 4> normalised;  // undistorted
   std::array<Eigen::Matrix2d, 4> covariance;  // of normalised
-  double blur_px = 0.0;  // mean standard deviation of the point spread over the four sides
+  SideFits edges;
 };
 
 class EdgeRefiner {
@@ -62,13 +65,13 @@ class EdgeRefiner {
 
   // `corners`: normalised, clockwise in the image, good to about a pixel and a half. `cells`: cells
   // along a side with the border. `ring` (may be null: the code is not known, and the corners come
-  // out roughly) must be in the order of the corners. `blur_px`: the blur to start from, known when
-  // the corners are refined ones; without it they are refined roughly first. Empty when a side has
-  // too little contrast or too few pixels, or runs away from the guess.
+  // out roughly) must be in the order of the corners. `edges`: how they looked a frame before, or
+  // in a rough refinement; without it (null) there is a rough one first. Empty when a side has too
+  // little contrast or too few pixels, or runs away from the guess.
   [[nodiscard]] std::optional<RefinedQuad> refine(const ImageView& image,
                                                   const std::array<Eigen::Vector2d, 4>& corners,
                                                   int cells, const InnerRing* ring,
-                                                  std::optional<double> blur_px = {});
+                                                  const SideFits* edges = nullptr);
 
  private:
   // Fills rows_ with the pixels near side `index`.
@@ -77,7 +80,9 @@ class EdgeRefiner {
 
   const CameraModel& camera_;
   EdgeRefinerOptions options_;
-  EdgeRows rows_;  // reused from side to side
+  // Reused from side to side.
+  EdgeRows rows_;
+  std::array<std::int32_t, EdgeRows::kMostRows> first_sample_{};  // by row, a pixel coordinate
 };
 
 }  // namespace waymark::slam

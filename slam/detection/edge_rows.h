@@ -38,14 +38,15 @@ class EdgeRows {
   float to_start_step = 0.0F;
   float to_end_step = 0.0F;
 
-  // Forgets all rows. Precondition: 0 < across <= kMostAcross.
-  void clear(std::size_t across) {
-    rows_ = 0;
+  // So many rows, and some in which nothing counts, up to whole lanes: whoever fills the fields
+  // calls ignorePadding() then. Preconditions: rows <= kMostRows, 0 < across <= kMostAcross.
+  void resize(std::size_t rows, std::size_t across) {
+    given_ = rows;
+    rows_ = (rows + kLanes - 1) / kLanes * kLanes;
     across_ = across;
   }
-  // Returns the row's number, for setGrey(). Precondition: not full(). To be followed by fillUp().
-  std::size_t add(const EdgeRow& row) {
-    const std::size_t i = rows_++;
+  // Precondition: i is less than what resize() was given.
+  void set(std::size_t i, const EdgeRow& row) {
     t[i] = row.t;
     distance[i] = row.distance;
     step[i] = row.step;
@@ -55,7 +56,12 @@ class EdgeRows {
     to_end[i] = row.to_end;
     thickness[i] = row.thickness;
     ring_white[i] = row.ring_white;
-    return i;
+  }
+  void ignorePadding() {
+    for (std::size_t i = given_; i < rows_; ++i) {
+      set(i, {});
+      for (std::size_t k = 0; k < across_; ++k) setGrey(i, k, 0.0F);
+    }
   }
   void setGrey(std::size_t row, std::size_t sample, float level) {
     grey_[index(row, sample)] = level;
@@ -63,15 +69,7 @@ class EdgeRows {
   [[nodiscard]] float greyAt(std::size_t row, std::size_t sample) const {
     return grey_[index(row, sample)];
   }
-  // Whole lanes, with rows in which nothing counts.
-  void fillUp() {
-    while (rows_ % kLanes != 0) {
-      const std::size_t row = add({});
-      for (std::size_t k = 0; k < across_; ++k) setGrey(row, k, 0.0F);
-    }
-  }
-
-  [[nodiscard]] bool full() const { return rows_ == kMostRows; }
+  // With the padding.
   [[nodiscard]] std::size_t rows() const { return rows_; }
   [[nodiscard]] std::size_t across() const { return across_; }
   // Of kLanes rows from `row` on, one sample each after the other.
@@ -82,6 +80,7 @@ class EdgeRows {
     return (row / kLanes * across_ + sample) * kLanes + row % kLanes;
   }
 
+  std::size_t given_ = 0;  // rows without the padding
   std::size_t rows_ = 0;
   std::size_t across_ = 1;
   alignas(32) std::array<float, kMostRows * kMostAcross> grey_{};

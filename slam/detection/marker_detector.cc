@@ -8,14 +8,11 @@
 namespace waymark::slam {
 namespace {
 
-// quad corners as found, turned so that the first is the print's top-left.
-std::array<Eigen::Vector2d, 4> upright(const std::array<Eigen::Vector2d, 4>& corners,
-                                       int rotation) {
-  std::array<Eigen::Vector2d, 4> turned;
-  for (std::size_t k = 0; k < 4; ++k) {
-    turned[k] = corners[(k + static_cast<std::size_t>(rotation)) % 4];
-  }
-  return turned;
+// Corners or sides as found, turned so that the first is the print's top-left or top.
+template <typename T>
+std::array<T, 4> upright(std::array<T, 4> found, int rotation) {
+  std::rotate(found.begin(), found.begin() + rotation, found.end());
+  return found;
 }
 
 Eigen::Vector2d centre(const MarkerDetection& d) { return centreOf(d.pixels); }
@@ -41,59 +38,123 @@ MarkerDetector::MarkerDetector(const CameraModel& camera, Dictionary dictionary,
 }
 
 const std::vector<MarkerDetection>& MarkerDetector::detect(const ImageView& image) {
+  begin();
+  scanWhole(image, {0, 0, image.width, image.height});
+  return finish();
+}
+
+void MarkerDetector::begin() {
+  sightings_.clear();
   detections_.clear();
   counters_ = {};
-  for (const Quad& quad : scanner_.scan(image)) {
-    ++counters_.quads;
-    if (isKnown(quad)) {
-      ++counters_.doubled;
-      continue;
-    }
-    if (const auto detection = examine(image, quad)) detections_.push_back(*detection);
+}
+
+bool MarkerDetector::confirm(const ImageView& image, int id,
+                             const std::array<Eigen::Vector2d, 4>& corners, const SideFits* edges) {
+  // What never was there costs as little as a look.
+  if (edges == nullptr && decoder_.read(image, corners).content == QuadContent::kNothing) {
+    return false;
   }
+  const auto sighting = measure(image, id, corners, edges);
+  if (sighting) sightings_.push_back(*sighting);
+  return sighting.has_value();
+}
+
+void MarkerDetector::scan(const ImageView& image, const ScanTurn& turn) {
+  if (turn.factor == 1) {
+    scanWhole(image, turn.window);
+  } else {
+    scanReduced(image, turn);
+  }
+}
+
+const std::vector<MarkerDetection>& MarkerDetector::finish() {
+  for (const Sighting& sighting : sightings_) detections_.push_back(sighting.detection);
   removeRepeated();
   return detections_;
 }
 
+void MarkerDetector::scanWhole(const ImageView& image, const Window& window) {
+  for (const Quad& found : scanner_.scan(partOf(image, window))) {
+    ++counters_.quads;
+    Quad quad = found;
+    for (Eigen::Vector2d& corner : quad) corner += Eigen::Vector2d(window.left, window.top);
+    if (isKnown(quad)) {
+      ++counters_.doubled;
+      continue;
+    }
+    if (const auto sighting = examine(image, quad)) sightings_.push_back(*sighting);
+  }
+}
+
+// What may be a marker there is looked at where it is in the image itself.
+void MarkerDetector::scanReduced(const ImageView& image, const ScanTurn& turn) {
+  const Window& window = turn.window;
+  const int factor = turn.factor;
+  candidates_.clear();
+  for (Quad quad : scanner_.scan(reducer_.reduce(partOf(image, window), factor))) {
+    // The middle of a reduced pixel is in the middle of those it was made of.
+    for (Eigen::Vector2d& corner : quad) {
+      corner = factor * corner + Eigen::Vector2d(window.left, window.top) +
+               Eigen::Vector2d::Constant(0.5 * (factor - 1));
+    }
+    if (!isKnown(quad)) candidates_.push_back(quad);
+  }
+  for (const Quad& quad : candidates_) {
+    const auto corners = undistortCorners(camera_, quad);
+    if (!corners || decoder_.read(image, *corners).content == QuadContent::kNothing) continue;
+    constexpr int kMargin = 12;  // pixels: more than the adaptive threshold looks around
+    scanWhole(image, windowAround(quad, kMargin + factor, image));
+  }
+}
+
 // Most codes can be read with the corners as they were found, and most of what is no marker looks
 // like none: exact corners are for markers. Small ones are read with better corners.
-std::optional<MarkerDetection> MarkerDetector::examine(const ImageView& image, const Quad& quad) {
+std::optional<Sighting> MarkerDetector::examine(const ImageView& image, const Quad& quad) {
   auto corners = undistortCorners(camera_, quad);
   if (!corners) return count(&counters_.no_edge);
-  std::optional<double> blur_px;
+  std::optional<SideFits> edges;
   QuadReading reading = decoder_.read(image, *corners);
   if (reading.content == QuadContent::kNoCode) {
     const auto rough = refiner_.refine(image, *corners, dictionary_.cells(), nullptr);
     if (!rough) return count(&counters_.no_edge);
     corners = rough->normalised;
-    blur_px = rough->blur_px;
+    edges = rough->edges;
     reading = decoder_.read(image, *corners);
   }
   if (reading.content != QuadContent::kMarker) return count(&counters_.no_code);
   const Dictionary::Match& match = reading.match;
-  const auto fine = refiner_.refine(image, upright(*corners, match.rotation), dictionary_.cells(),
-                                    &rings_[static_cast<std::size_t>(match.id)], blur_px);
-  if (!fine) return count(&counters_.no_edge);
-  // What was read with rough corners has to stand with the exact ones.
-  const QuadReading again = decoder_.read(image, fine->normalised);
-  if (again.content != QuadContent::kMarker || again.match.id != match.id ||
-      again.match.rotation != 0) {
+  if (edges) edges = upright(*edges, match.rotation);
+  return measure(image, match.id, upright(*corners, match.rotation), edges ? &*edges : nullptr);
+}
+
+std::optional<Sighting> MarkerDetector::measure(const ImageView& image, int id,
+                                                const std::array<Eigen::Vector2d, 4>& corners,
+                                                const SideFits* edges) {
+  const auto exact = refiner_.refine(image, corners, dictionary_.cells(),
+                                     &rings_[static_cast<std::size_t>(id)], edges);
+  if (!exact) return count(&counters_.no_edge);
+  const QuadReading reading = decoder_.read(image, exact->normalised);
+  if (reading.content != QuadContent::kMarker || reading.match.id != id ||
+      reading.match.rotation != 0) {
     return count(&counters_.no_code);
   }
-  MarkerDetection detection;
-  detection.id = match.id;
-  detection.hamming = again.match.hamming;
-  detection.pixels = fine->pixels;
-  detection.normalised = fine->normalised;
-  detection.covariance = fine->covariance;
-  return detection;
+  Sighting sighting;
+  sighting.detection.id = id;
+  sighting.detection.hamming = reading.match.hamming;
+  sighting.detection.pixels = exact->pixels;
+  sighting.detection.normalised = exact->normalised;
+  sighting.detection.covariance = exact->covariance;
+  sighting.edges = exact->edges;
+  return sighting;
 }
 
 // The same marker found with another threshold.
 bool MarkerDetector::isKnown(const Quad& quad) const {
   const Eigen::Vector2d middle = centreOf(quad);
   const double size = (quad[2] - quad[0]).norm() + (quad[3] - quad[1]).norm();
-  return std::ranges::any_of(detections_, [&](const MarkerDetection& known) {
+  return std::ranges::any_of(sightings_, [&](const Sighting& sighting) {
+    const MarkerDetection& known = sighting.detection;
     const double known_size = diagonal(known) + (known.pixels[3] - known.pixels[1]).norm();
     return (centre(known) - middle).norm() < 0.1 * known_size && size > 0.8 * known_size &&
            size < 1.25 * known_size;

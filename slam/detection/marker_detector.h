@@ -1,7 +1,10 @@
-// Detection: every marker of the dictionary in an image, with exact corners.
+// Detection: markers of the dictionary in an image, with exact corners. Where nothing is known of
+// the image all of it is scanned; where something is, only what the caller (marker_follower.h) asks
+// for.
 #pragma once
 
 #include <array>
+#include <cstdint>
 #include <optional>
 #include <vector>
 
@@ -11,6 +14,8 @@
 #include "slam/detection/marker_decoder.h"
 #include "slam/detection/marker_detection.h"
 #include "slam/detection/quad_scanner.h"
+#include "slam/detection/reduced_image.h"
+#include "slam/detection/scan_turns.h"
 #include "slam/geometry/camera_model.h"
 
 namespace waymark::slam {
@@ -30,6 +35,12 @@ struct DetectorCounters {
   int repeated = 0;  // same id at another place: two prints, both left out
 };
 
+// A marker in an image, and how its edges look there.
+struct Sighting {
+  MarkerDetection detection;
+  SideFits edges;
+};
+
 class MarkerDetector {
  public:
   // The camera must outlive the detector.
@@ -39,11 +50,31 @@ class MarkerDetector {
   // Full scan. Sorted by id; each id at most once. Valid until the next call.
   const std::vector<MarkerDetection>& detect(const ImageView& image);
 
+  // The same piece by piece: begin(), any number of confirm() and scan(), finish().
+  void begin();
+  // Whether marker `id` is near where it is expected: `corners` (normalised), good to a pixel and a
+  // half. `edges`: as they looked before; may be null.
+  bool confirm(const ImageView& image, int id, const std::array<Eigen::Vector2d, 4>& corners,
+               const SideFits* edges);
+  // Every marker that is whole in a window of the image.
+  void scan(const ImageView& image, const ScanTurn& turn);
+  // Sorted by id; each id at most once. Valid until the next call.
+  const std::vector<MarkerDetection>& finish();
+
+  // Since begin(), in the order in which they were found; where an id is there twice, both.
+  [[nodiscard]] const std::vector<Sighting>& sightings() const { return sightings_; }
   [[nodiscard]] const DetectorCounters& counters() const { return counters_; }
   [[nodiscard]] const Dictionary& dictionary() const { return dictionary_; }
+  [[nodiscard]] const CameraModel& camera() const { return camera_; }
 
  private:
-  [[nodiscard]] std::optional<MarkerDetection> examine(const ImageView& image, const Quad& quad);
+  void scanWhole(const ImageView& image, const Window& window);
+  void scanReduced(const ImageView& image, const ScanTurn& turn);
+  [[nodiscard]] std::optional<Sighting> examine(const ImageView& image, const Quad& quad);
+  // What was read with rough corners has to stand with exact ones. `corners`: upright.
+  [[nodiscard]] std::optional<Sighting> measure(const ImageView& image, int id,
+                                                const std::array<Eigen::Vector2d, 4>& corners,
+                                                const SideFits* edges);
   [[nodiscard]] bool isKnown(const Quad& quad) const;
   void removeRepeated();
 
@@ -54,7 +85,11 @@ class MarkerDetector {
   EdgeRefiner refiner_;
   MarkerDecoder decoder_;
   DetectorCounters counters_;
+  std::vector<Sighting> sightings_;
   std::vector<MarkerDetection> detections_;
+  // Reused from turn to turn.
+  ImageReducer reducer_;
+  std::vector<Quad> candidates_;
 };
 
 }  // namespace waymark::slam

@@ -72,12 +72,6 @@ bool layOutPrint(const Eigen::Matrix3d& H, const Eigen::Vector2d& a, const Eigen
 
 }  // namespace
 
-Eigen::Vector2d MarkerSide::pixelAt(double t, Eigen::Vector2d* derivative) const {
-  const auto& c = curve_px;
-  *derivative = c[1] + t * (2.0 * c[2] + t * (3.0 * c[3] + t * 4.0 * c[4]));
-  return c[0] + t * (c[1] + t * (c[2] + t * (c[3] + t * c[4])));
-}
-
 std::optional<std::array<MarkerSide, 4>> layOutSides(const CameraModel& camera,
                                                      const std::array<Eigen::Vector2d, 4>& corners,
                                                      int cells) {

@@ -28,8 +28,11 @@ struct MarkerSide {
   double perspective = 1.0;
   int cells = 0;  // along the side, with the border
 
-  // In the image at share t of the way, pixels, and its derivative by t.
-  [[nodiscard]] Eigen::Vector2d pixelAt(double t, Eigen::Vector2d* derivative) const;
+  // In the image at share t of the way, pixels.
+  [[nodiscard]] Eigen::Vector2d pixelAt(double t) const {
+    const auto& c = curve_px;
+    return c[0] + t * (c[1] + t * (c[2] + t * (c[3] + t * c[4])));
+  }
   // Where the image's t (0 .. 1) lies on the print, in cells from the start.
   [[nodiscard]] double printCoordinate(double t) const {
     return cells * t / (t + perspective * (1.0 - t));

@@ -42,12 +42,10 @@ TEST(MarkerSide, AgreesWithTheProjection) {
     EXPECT_NEAR(thickness_px, expected_px, 0.05);
   }
   for (const MarkerSide& side : *sides) {
-    for (double t = 0.0; t <= 1.0; t += 0.1) {
-      Eigen::Vector2d derivative;
-      Eigen::Vector2d beyond;
-      const Eigen::Vector2d pixel = side.pixelAt(t, &derivative);
-      EXPECT_LT((pixel - camera.distort(side.start + t * (side.end - side.start))).norm(), 1e-4);
-      EXPECT_LT((side.pixelAt(t + 1e-6, &beyond) - pixel - 1e-6 * derivative).norm(), 1e-8);
+    for (int i = 0; i <= 10; ++i) {
+      const double t = 0.1 * i;
+      const Eigen::Vector2d pixel = camera.distort(side.start + t * (side.end - side.start));
+      EXPECT_LT((side.pixelAt(t) - pixel).norm(), 1e-4);
     }
   }
 }

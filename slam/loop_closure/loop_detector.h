@@ -30,11 +30,15 @@ class LoopDetector {
   // The map changed otherwise, or tracking was lost.
   void forget() { reference_.reset(); }
   [[nodiscard]] std::optional<KeyframeId> reference() const { return reference_; }
+  // G_m of the reference (Eq. 31), sorted; empty without one.
+  [[nodiscard]] std::span<const int> localMarkers() const {
+    return reference_ ? std::span<const int>(local_markers_) : std::span<const int>{};
+  }
 
  private:
   std::optional<KeyframeId> reference_;
   KeyframeId newest_ = -1;          // of the map when local_markers_ was made
-  std::vector<int> local_markers_;  // G_m of the reference (Eq. 31), sorted
+  std::vector<int> local_markers_;
 };
 
 }  // namespace waymark::slam

@@ -28,6 +28,10 @@ class MotionModel {
   // recent pose.
   [[nodiscard]] std::optional<Vector6d> twistTo(const Transform& T_w_c, std::int64_t time_ns) const;
 
+  // As last given; empty before the first.
+  [[nodiscard]] std::optional<Transform> lastPose() const {
+    return last_ ? std::optional(last_->T_w_c) : std::nullopt;
+  }
   // Empty without a recent pose.
   [[nodiscard]] std::optional<Transform> predict(std::int64_t time_ns) const;
 

@@ -44,6 +44,8 @@ class Tracker {
   [[nodiscard]] std::optional<Transform> predict(std::int64_t time_ns) const {
     return motion_.predict(time_ns);
   }
+  // Of the last frame that had one.
+  [[nodiscard]] std::optional<Transform> lastPose() const { return motion_.lastPose(); }
   // As MotionModel's; zero where nothing is known. Before commit().
   [[nodiscard]] Vector6d twistTo(const Transform& T_w_c, std::int64_t time_ns) const {
     return motion_.twistTo(T_w_c, time_ns).value_or(Vector6d::Zero());

@@ -1,0 +1,47 @@
+#include "slam/detection/reduced_image.h"
+
+#include <cstddef>
+#include <cstring>
+#include <utility>
+
+#include "base/vectorised.h"
+
+namespace waymark::slam {
+namespace {
+
+// Pairs of pixels, in whatever order the machine loads them.
+WAYMARK_VECTORISED void halveRows(const std::uint8_t* above, const std::uint8_t* below, int width,
+                                  std::uint8_t* out) {
+  for (int x = 0; x < width; ++x) {
+    std::uint16_t a = 0;
+    std::uint16_t b = 0;
+    std::memcpy(&a, above + std::ptrdiff_t{2} * x, 2);
+    std::memcpy(&b, below + std::ptrdiff_t{2} * x, 2);
+    const int sum = (a & 0xFF) + (a >> 8) + (b & 0xFF) + (b >> 8);
+    out[x] = static_cast<std::uint8_t>((sum + 2) >> 2);
+  }
+}
+
+ImageView halve(const ImageView& image, std::vector<std::uint8_t>* out) {
+  const int width = image.width / 2;
+  const int height = image.height / 2;
+  out->resize(static_cast<std::size_t>(width) * static_cast<std::size_t>(height));
+  for (int y = 0; y < height; ++y) {
+    halveRows(image.row(2 * y), image.row(2 * y + 1), width,
+              out->data() + std::ptrdiff_t{y} * width);
+  }
+  return {out->data(), width, height, width};
+}
+
+}  // namespace
+
+ImageView ImageReducer::reduce(const ImageView& image, int factor) {
+  ImageView view = halve(image, &reduced_);
+  for (factor /= 2; factor > 1; factor /= 2) {
+    std::swap(reduced_, former_);
+    view = halve(view, &reduced_);
+  }
+  return view;
+}
+
+}  // namespace waymark::slam

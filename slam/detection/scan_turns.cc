@@ -1,0 +1,74 @@
+#include "slam/detection/scan_turns.h"
+
+#include <algorithm>
+#include <cmath>
+
+namespace waymark::slam {
+
+ScanTurns::ScanTurns(int width, int height, const ScanTurnsOptions& options)
+    : options_(options), width_(width), height_(height) {
+  int factor = 1;
+  while (height / (2 * factor) >= options.least_height_px) factor *= 2;
+  for (; factor >= 1; factor /= 2) levels_.push_back({.factor = factor});
+  constexpr std::size_t kStrips = 2;
+  due_.reserve(levels_.size() + kStrips);
+}
+
+std::span<const ScanTurn> ScanTurns::next(double interval_s, const Eigen::Vector2d& flow_px) {
+  due_.clear();
+  if (frame_ == 0) {
+    constexpr int kMostFrames = 64;
+    const double frames = interval_s > 0.0 ? options_.round_s / interval_s : kMostFrames;
+    frames_ = static_cast<int>(std::clamp(frames, 1.0, double{kMostFrames}));
+    for (Level& level : levels_) {
+      const bool coarsest = &level == &levels_.front();
+      divide(&level, level.factor == 1 ? kSmallRounds * frames_ : coarsest ? 1 : frames_);
+    }
+  }
+  if (frames_ == 1) {
+    due_.push_back({{0, 0, width_, height_}, 1});
+    return due_;
+  }
+  addStrips(flow_px);
+  for (Level& level : levels_) {
+    if (level.factor > 1 && frame_ >= level.columns * level.rows) continue;
+    due_.push_back(partOf(level));
+    level.part = (level.part + 1) % (level.columns * level.rows);
+  }
+  frame_ = (frame_ + 1) % frames_;
+  return due_;
+}
+
+void ScanTurns::addStrips(const Eigen::Vector2d& flow_px) {
+  constexpr double kStill = 0.5;  // pixels a frame: its turn comes before much has come into view
+  constexpr int kFactor = 2;
+  const int across = kFactor * options_.overlap_px;
+  if (std::abs(flow_px.x()) > kStill && across < width_) {
+    due_.push_back({{flow_px.x() > 0.0 ? 0 : width_ - across, 0, across, height_}, kFactor});
+  }
+  if (std::abs(flow_px.y()) > kStill && across < height_) {
+    due_.push_back({{0, flow_px.y() > 0.0 ? 0 : height_ - across, width_, across}, kFactor});
+  }
+}
+
+// About as many parts, never more, as near to squares as they get.
+void ScanTurns::divide(Level* level, int parts) const {
+  const double aspect = static_cast<double>(width_) / height_;
+  level->rows = std::clamp(static_cast<int>(std::lround(std::sqrt(parts / aspect))), 1, parts);
+  level->columns = parts / level->rows;
+  level->part %= level->columns * level->rows;
+}
+
+ScanTurn ScanTurns::partOf(const Level& level) const {
+  const int column = level.part % level.columns;
+  const int row = level.part / level.columns;
+  const int overlap = options_.overlap_px * level.factor;
+  Window window;
+  window.left = column * width_ / level.columns;
+  window.top = row * height_ / level.rows;
+  window.width = std::min((column + 1) * width_ / level.columns + overlap, width_) - window.left;
+  window.height = std::min((row + 1) * height_ / level.rows + overlap, height_) - window.top;
+  return {window, level.factor};
+}
+
+}  // namespace waymark::slam
