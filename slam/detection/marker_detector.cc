@@ -16,7 +16,9 @@ std::array<T, 4> upright(std::array<T, 4> found, int rotation) {
 }
 
 Eigen::Vector2d centre(const MarkerDetection& d) { return centreOf(d.pixels); }
-double diagonal(const MarkerDetection& d) { return (d.pixels[2] - d.pixels[0]).norm(); }
+double diagonalOf(const Quad& quad) { return (quad[2] - quad[0]).norm(); }
+
+double diagonal(const MarkerDetection& d) { return diagonalOf(d.pixels); }
 
 // Nothing, and why.
 std::nullopt_t count(int* reason) {
@@ -102,7 +104,15 @@ void MarkerDetector::scanReduced(const ImageView& image, const ScanTurn& turn) {
   }
   for (const Quad& quad : candidates_) {
     const auto corners = undistortCorners(camera_, quad);
-    if (!corners || decoder_.read(image, *corners).content == QuadContent::kNothing) continue;
+    if (!corners) continue;
+    const QuadContent content = decoder_.read(image, *corners).content;
+    // These corners are good to a reduced pixel: a code that is no marker's with them may be one
+    // with better corners only if its cells are not much larger.
+    constexpr double kReadable = 3.0;
+    const bool unreadable = diagonalOf(quad) < kReadable * factor * dictionary_.cells();
+    if (content == QuadContent::kNothing || (content == QuadContent::kNoCode && !unreadable)) {
+      continue;
+    }
     constexpr int kMargin = 12;  // pixels: more than the adaptive threshold looks around
     scanWhole(image, windowAround(quad, kMargin + factor, image));
   }

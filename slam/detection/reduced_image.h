@@ -10,9 +10,10 @@ namespace waymark::slam {
 
 class ImageReducer {
  public:
-  // The image at half its size, and that at half of its own, until it is 1/factor of it: a power of
-  // two, at least 2. Pixels are the means of squares; what does not fill one at the right or at the
-  // bottom is left out. Valid until the next call.
+  // 1/factor of the size: a power of two, at least 2. Pixels are means of four: at half the size of
+  // all that there are, at a quarter of those in the middle of each square, and so on by halves.
+  // What does not fill a square at the right or at the bottom is left out. Valid until the next
+  // call.
   ImageView reduce(const ImageView& image, int factor);
 
  private:

@@ -9,7 +9,8 @@ ScanTurns::ScanTurns(int width, int height, const ScanTurnsOptions& options)
     : options_(options), width_(width), height_(height) {
   int factor = 1;
   while (height / (2 * factor) >= options.least_height_px) factor *= 2;
-  for (; factor >= 1; factor /= 2) levels_.push_back({.factor = factor});
+  // Not all of them in the same frame.
+  for (; factor >= 1; factor /= 2) levels_.push_back({.factor = factor, .credit = factor});
   constexpr std::size_t kStrips = 2;
   due_.reserve(levels_.size() + kStrips);
 }
@@ -21,8 +22,7 @@ std::span<const ScanTurn> ScanTurns::next(double interval_s, const Eigen::Vector
     const double frames = interval_s > 0.0 ? options_.round_s / interval_s : kMostFrames;
     frames_ = static_cast<int>(std::clamp(frames, 1.0, double{kMostFrames}));
     for (Level& level : levels_) {
-      const bool coarsest = &level == &levels_.front();
-      divide(&level, level.factor == 1 ? kSmallRounds * frames_ : coarsest ? 1 : frames_);
+      divide(&level, level.factor == 1 ? kSmallRounds * frames_ : frames_);
     }
   }
   if (frames_ == 1) {
@@ -31,9 +31,14 @@ std::span<const ScanTurn> ScanTurns::next(double interval_s, const Eigen::Vector
   }
   addStrips(flow_px);
   for (Level& level : levels_) {
-    if (level.factor > 1 && frame_ >= level.columns * level.rows) continue;
+    // Evenly over the frames of its round.
+    const int parts = level.columns * level.rows;
+    const int frames = level.factor == 1 ? kSmallRounds * frames_ : frames_;
+    level.credit += parts;
+    if (level.credit < frames) continue;
+    level.credit -= frames;
     due_.push_back(partOf(level));
-    level.part = (level.part + 1) % (level.columns * level.rows);
+    level.part = (level.part + 1) % parts;
   }
   frame_ = (frame_ + 1) % frames_;
   return due_;
@@ -51,11 +56,14 @@ void ScanTurns::addStrips(const Eigen::Vector2d& flow_px) {
   }
 }
 
-// About as many parts, never more, as near to squares as they get.
+// About as many parts, never more, as near to squares as they get; but not so small that they are
+// mostly overlap.
 void ScanTurns::divide(Level* level, int parts) const {
   const double aspect = static_cast<double>(width_) / height_;
-  level->rows = std::clamp(static_cast<int>(std::lround(std::sqrt(parts / aspect))), 1, parts);
-  level->columns = parts / level->rows;
+  const int least = 3 * options_.overlap_px * level->factor;
+  const int rows = std::clamp(static_cast<int>(std::lround(std::sqrt(parts / aspect))), 1, parts);
+  level->rows = std::clamp(height_ / least, 1, rows);
+  level->columns = std::clamp(width_ / least, 1, parts / rows);
   level->part %= level->columns * level->rows;
 }
 

@@ -44,7 +44,8 @@ class ScanTurns {
     int factor = 1;
     int columns = 1;
     int rows = 1;
-    int part = 0;
+    int part = 0;    // whose turn is next
+    int credit = 0;  // parts times frames since the last turn: one is due at the frames of a round
   };
 
   void divide(Level* level, int parts) const;
