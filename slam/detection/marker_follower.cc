@@ -39,19 +39,28 @@ const std::vector<MarkerDetection>& MarkerFollower::find(const ImageView& image,
   const double interval_s = 1e-9 * static_cast<double>(time_ns - time_ns_);
   time_ns_ = time_ns;
   detector_.begin();
-  const bool following = options_.enabled && interval_s > 0.0 && !followed_.empty() &&
-                         follow(image, expected, interval_s);
-  if (following) {
-    mode_ = SearchMode::kFollowing;
-    lookForNewcomers(image, expected);
-    for (const ScanTurn& turn : turns_.next(interval_s, flow())) detector_.scan(image, turn);
+  const bool may_follow = options_.enabled && interval_s > 0.0 && !followed_.empty();
+  if (may_follow && follow(image, expected, interval_s)) {
+    const Eigen::Vector2d flow_px = flow();
+    const bool fast = flow_px.norm() > options_.fastest_flow * std::min(image.width, image.height);
+    mode_ = fast ? SearchMode::kFullScan : SearchMode::kFollowing;
+    if (fast) {
+      scanAll(image);
+    } else {
+      lookForNewcomers(image, expected);
+      for (const ScanTurn& turn : turns_.next(interval_s, flow_px)) detector_.scan(image, turn);
+    }
   } else {
     mode_ = SearchMode::kFullScan;
     detector_.begin();
-    detector_.scan(image, {{0, 0, image.width, image.height}, 1});
+    scanAll(image);
   }
   remember(interval_s);
   return detector_.finish();
+}
+
+void MarkerFollower::scanAll(const ImageView& image) {
+  detector_.scan(image, {{0, 0, image.width, image.height}, 1});
 }
 
 // Large markers first: what their motion was not expected to be, the others' will not be either.

@@ -24,6 +24,9 @@ struct FollowerOptions {
   // Of the markers of the last frame, the least share that has to be found again; else the motion
   // was not what was expected, and the whole image is searched at once.
   double least_found = 0.5;
+  // Beyond this much motion from frame to frame, as a share of the image's shorter side, so much
+  // comes into view that the whole image is searched.
+  double fastest_flow = 0.04;
   // Markers that have come into view, as the map has it: so many are looked for in a frame.
   std::size_t newcomers = 4;
 };
@@ -62,6 +65,7 @@ class MarkerFollower {
  private:
   using Corners = std::array<Eigen::Vector2d, 4>;
 
+  void scanAll(const ImageView& image);
   // Whether enough of the last frame's markers were found.
   [[nodiscard]] bool follow(const ImageView& image, std::span<const ExpectedMarker> expected,
                             double interval_s);

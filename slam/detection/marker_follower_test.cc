@@ -84,6 +84,16 @@ TEST_F(MarkerFollowerTest, AfterAJumpAcrossTheImageTheWholeIsScannedAtOnce) {
   EXPECT_EQ(found.size(), 2U);
 }
 
+// So much comes into view that turns would be too late.
+TEST_F(MarkerFollowerTest, FastMotionIsScannedAsAWhole) {
+  (void)show({{3, 100, 80}});
+  for (int frame = 1; frame < 10; ++frame) {
+    const auto& found = show({{3, 100 + 24 * frame, 80}, {20 + frame, 20, 300}});
+    EXPECT_EQ(found.size(), 2U) << frame;
+    EXPECT_EQ(follower_.mode(), SearchMode::kFullScan);
+  }
+}
+
 TEST_F(MarkerFollowerTest, ANewMarkerIsFoundInTime) {
   constexpr int kRound = 10;  // frames in 0.1 s
   (void)show({{3, 100, 80}});
@@ -109,8 +119,8 @@ TEST_F(MarkerFollowerTest, AnExpectedMarkerIsFoundAtOnce) {
 TEST_F(MarkerFollowerTest, TheMapsMotionCountsMoreThanTheImages) {
   (void)show({{3, 100, 80}});
   (void)show({{3, 100, 80}});  // at rest until now
-  const ExpectedMarker expected{3, corners({3, 102, 81}), corners({3, 130, 95})};
-  const auto& found = show({{3, 128, 94}}, {&expected, 1});
+  const ExpectedMarker expected{3, corners({3, 102, 81}), corners({3, 120, 87})};
+  const auto& found = show({{3, 118, 86}}, {&expected, 1});
   ASSERT_EQ(found.size(), 1U);
   EXPECT_EQ(follower_.mode(), SearchMode::kFollowing);
 }
