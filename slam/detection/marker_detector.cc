@@ -1,6 +1,7 @@
 #include "slam/detection/marker_detector.h"
 
 #include <algorithm>
+#include <cmath>
 #include <utility>
 
 #include "slam/geometry/plane.h"
@@ -49,6 +50,8 @@ void MarkerDetector::begin() {
   sightings_.clear();
   detections_.clear();
   counters_ = {};
+  constexpr int kPatience = 4;  // frames: light and blur may be better by then
+  std::erase_if(refused_, [](Refused& refused) { return ++refused.frames > kPatience; });
 }
 
 bool MarkerDetector::confirm(const ImageView& image, int id,
@@ -77,15 +80,20 @@ const std::vector<MarkerDetection>& MarkerDetector::finish() {
 }
 
 void MarkerDetector::scanWhole(const ImageView& image, const Window& window) {
+  const bool in_turn = window.width < image.width || window.height < image.height;
   for (const Quad& found : scanner_.scan(partOf(image, window))) {
     ++counters_.quads;
     Quad quad = found;
     for (Eigen::Vector2d& corner : quad) corner += Eigen::Vector2d(window.left, window.top);
     if (isKnown(quad)) {
       ++counters_.doubled;
-      continue;
+    } else if (in_turn && wasRefused(quad)) {
+      ++counters_.refused;
+    } else if (const auto sighting = examine(image, quad)) {
+      sightings_.push_back(*sighting);
+    } else {
+      refuse(quad);
     }
-    if (const auto sighting = examine(image, quad)) sightings_.push_back(*sighting);
   }
 }
 
@@ -93,6 +101,7 @@ void MarkerDetector::scanWhole(const ImageView& image, const Window& window) {
 void MarkerDetector::scanReduced(const ImageView& image, const ScanTurn& turn) {
   const Window& window = turn.window;
   const int factor = turn.factor;
+  constexpr double kLeastReduced = 20.0;  // pixels from corner to corner
   candidates_.clear();
   for (Quad quad : scanner_.scan(reducer_.reduce(partOf(image, window), factor))) {
     // The middle of a reduced pixel is in the middle of those it was made of.
@@ -100,7 +109,9 @@ void MarkerDetector::scanReduced(const ImageView& image, const ScanTurn& turn) {
       corner = factor * corner + Eigen::Vector2d(window.left, window.top) +
                Eigen::Vector2d::Constant(0.5 * (factor - 1));
     }
-    if (!isKnown(quad)) candidates_.push_back(quad);
+    // Smaller ones are found at a larger size.
+    if (factor > 2 && diagonalOf(quad) < kLeastReduced * factor) continue;
+    if (!isKnown(quad) && !wasRefused(quad)) candidates_.push_back(quad);
   }
   for (const Quad& quad : candidates_) {
     const auto corners = undistortCorners(camera_, quad);
@@ -111,11 +122,35 @@ void MarkerDetector::scanReduced(const ImageView& image, const ScanTurn& turn) {
     constexpr double kReadable = 3.0;
     const bool unreadable = diagonalOf(quad) < kReadable * factor * dictionary_.cells();
     if (content == QuadContent::kNothing || (content == QuadContent::kNoCode && !unreadable)) {
+      refuse(quad);
       continue;
     }
     constexpr int kMargin = 12;  // pixels: more than the adaptive threshold looks around
+    const std::size_t before = sightings_.size();
     scanWhole(image, windowAround(quad, kMargin + factor, image));
+    if (sightings_.size() == before) refuse(quad);
   }
+}
+
+bool MarkerDetector::wasRefused(const Quad& quad) {
+  const Eigen::Vector2d centre = centreOf(quad);
+  const double diagonal = diagonalOf(quad);
+  const auto known = std::ranges::find_if(refused_, [&](const Refused& refused) {
+    return (refused.centre - centre).norm() < 0.2 * diagonal &&
+           std::abs(refused.diagonal - diagonal) < 0.2 * diagonal;
+  });
+  if (known == refused_.end()) return false;
+  known->centre = centre;
+  return true;
+}
+
+// What is only just coming into view may be a marker in the next frame.
+void MarkerDetector::refuse(const Quad& quad) {
+  constexpr std::size_t kMost = 256;
+  constexpr double kMargin = 12.0;  // pixels
+  const bool inside = std::ranges::all_of(
+      quad, [&](const Eigen::Vector2d& corner) { return camera_.inImage(corner, kMargin); });
+  if (inside && refused_.size() < kMost) refused_.push_back({centreOf(quad), diagonalOf(quad), 0});
 }
 
 // Most codes can be read with the corners as they were found, and most of what is no marker looks

@@ -32,6 +32,7 @@ struct DetectorCounters {
   int no_edge = 0;   // a side had no clean edge
   int no_code = 0;   // no border, or a code that is not in the dictionary
   int doubled = 0;   // found again at the same place
+  int refused = 0;   // refused a few frames ago, and not looked at again
   int repeated = 0;  // same id at another place: two prints, both left out
 };
 
@@ -68,8 +69,18 @@ class MarkerDetector {
   [[nodiscard]] const CameraModel& camera() const { return camera_; }
 
  private:
+  // A square that was looked at and is no marker. A few frames later it is looked at again.
+  struct Refused {
+    Eigen::Vector2d centre;  // pixels, where it was last
+    double diagonal;
+    int frames;  // since it was looked at
+  };
+
   void scanWhole(const ImageView& image, const Window& window);
   void scanReduced(const ImageView& image, const ScanTurn& turn);
+  // Whether it was refused a few frames ago; it is there now.
+  [[nodiscard]] bool wasRefused(const Quad& quad);
+  void refuse(const Quad& quad);
   [[nodiscard]] std::optional<Sighting> examine(const ImageView& image, const Quad& quad);
   // What was read with rough corners has to stand with exact ones. `corners`: upright.
   [[nodiscard]] std::optional<Sighting> measure(const ImageView& image, int id,
@@ -87,6 +98,7 @@ class MarkerDetector {
   DetectorCounters counters_;
   std::vector<Sighting> sightings_;
   std::vector<MarkerDetection> detections_;
+  std::vector<Refused> refused_;
   // Reused from turn to turn.
   ImageReducer reducer_;
   std::vector<Quad> candidates_;

@@ -33,9 +33,9 @@ class ScanTurns {
 
   ScanTurns(int width, int height, const ScanTurnsOptions& options = {});
 
-  // The parts that are due, coarse before fine; with them, at half size, the strip along a border
-  // over which the scene comes into view. interval_s: since the frame before; flow_px: how the
-  // scene moved in the image since. Valid until the next call.
+  // The parts that are due, coarse before fine; with them the strips along the borders over which
+  // the scene comes into view. interval_s: since the frame before; flow_px: how the scene moved in
+  // the image since. Valid until the next call.
   std::span<const ScanTurn> next(double interval_s, const Eigen::Vector2d& flow_px);
 
  private:

@@ -1,5 +1,7 @@
 #include "slam/detection/scan_turns.h"
 
+#include <cstdint>
+
 #include <gtest/gtest.h>
 
 namespace waymark::slam {
@@ -42,7 +44,9 @@ TEST(ScanTurns, EveryPlaceHasItsTurnInTime) {
 
 TEST(ScanTurns, PartsLieWithinTheImageAndAreAFractionOfIt) {
   ScanTurns turns(kWidth, kHeight);
-  for (int frame = 0; frame < 100; ++frame) {
+  constexpr int kFrames = 120;
+  std::int64_t all_pixels = 0;
+  for (int frame = 0; frame < kFrames; ++frame) {
     int pixels = 0;
     for (const ScanTurn& turn : turns.next(1.0 / 60.0, {3.0, -2.0})) {
       const Window& w = turn.window;
@@ -52,8 +56,10 @@ TEST(ScanTurns, PartsLieWithinTheImageAndAreAFractionOfIt) {
       EXPECT_LE(w.top + w.height, kHeight);
       pixels += w.width * w.height / (turn.factor * turn.factor);
     }
-    EXPECT_LT(pixels, kWidth * kHeight / 2);
+    EXPECT_LT(pixels, kWidth * kHeight * 2 / 3) << frame;
+    all_pixels += pixels;
   }
+  EXPECT_LT(all_pixels / kFrames, kWidth * kHeight * 2 / 5);
 }
 
 // At frames that far apart there is no time for turns.
@@ -71,8 +77,8 @@ TEST(ScanTurns, TheBorderThatTheSceneComesOverIsSearchedInEveryFrame) {
     bool left = false;
     bool bottom = false;
     for (const ScanTurn& turn : turns.next(1.0 / 60.0, {2.0, -2.0})) {
-      left = left || covers(turn, 0, 0, 60, 2);
-      bottom = bottom || covers(turn, 300, kHeight - 60, 60, 2);
+      left = left || covers(turn, 0, 0, 40, 1);
+      bottom = bottom || covers(turn, 300, kHeight - 40, 40, 1);
     }
     EXPECT_TRUE(left && bottom) << frame;
   }
