@@ -1,0 +1,53 @@
+# docs/performance.md from what scripts/bench measured. Sourced by it.
+
+performance_report() {
+  local measured=$1 file
+  cat << 'END'
+# Performance
+
+Made by `scripts/bench`: thread CPU time on one core, milliseconds a frame, detection and SLAM
+together. "Following" is the default; "full scans" searches every frame as a whole
+(`slam.follower.enabled = false`). In brackets what it is meant to become.
+
+| sequence | search | mean | median | p99 | worst | frames scanned as a whole |
+|---|---|---|---|---|---|---|
+END
+  for file in "$measured"/*.json; do
+    jq -r '
+      def ms: . * 1000 | round / 1000 | tostring;
+      def row($name; $mode; $s; $t): $s.timing.total.cpu_ms as $c
+        | "| \($name) | \($mode) | \($c.mean | ms)\($t[0]) | \($c.median | ms) | \($c.p99 | ms)\($t[1]) | \($c.max | ms)\($t[2]) | \($s.counters.full_scans) of \($s.frames) |";
+      row(.name; "following"; .following; .targets | map(" [\(.)]")),
+      row(""; "full scans"; .full; ["", "", ""])' "$file"
+  done
+  cat << 'END'
+
+Where the time goes when following, milliseconds (mean, p99, worst), and what following keeps of the
+corners that full scans find on markers of 20 pixels and more:
+
+| sequence | detection | tracking | mapping | kept | apart, px RMS |
+|---|---|---|---|---|---|
+END
+  for file in "$measured"/*.json; do
+    jq -r '
+      def ms: . * 1000 | round / 1000 | tostring;
+      def stage($s): $s.cpu_ms | "\(.mean | ms), \(.p99 | ms), \(.max | ms)";
+      .following.timing as $t
+      | "| \(.name) | \(stage($t.detect)) | \(stage($t.track)) | \(stage($t.map)) | \(10000 * .kept.kept / .kept.of | round / 100) % of \(.kept.of) | \(.kept.apart_px) |"' \
+      "$file"
+  done
+  if [[ -f $measured/detectors.txt ]]; then
+    printf '\nFull scans beside the detectors of Debian 12, the same frames in the same run; the second of\neach pair with noise of 5 grey levels:\n\n```\n'
+    cat "$measured/detectors.txt"
+    printf '```\n'
+  fi
+  if [[ -f $measured/hall.txt ]]; then
+    printf '\nA map of 2,000 markers, corners only, no detection; the markers are mapped on the first round:\n\n```\n'
+    cat "$measured/hall.txt"
+    printf '```\n'
+  fi
+  printf '\n'
+  for file in "$measured"/*.json; do
+    jq -r '"\(.name): version \(.made.commit), \(.made.date), \(.made.cpu), load \(.load)."' "$file"
+  done
+}
