@@ -4,30 +4,39 @@
 #include <cmath>
 #include <cstring>
 
+#ifdef __SSE2__
+#include <emmintrin.h>
+#endif
+
 #include "base/vectorised.h"
 
 namespace waymark::slam {
 namespace {
 
 constexpr int kWindow = 16;
-constexpr int kBefore = 8;  // of the window's rows and columns before the pixel
+constexpr int kBefore = 7;         // of the window's rows before the upper of two rows
+constexpr int kColumnsBefore = 8;  // of its columns before the pixel
 
-// Adds a row to the columns' sums and takes another away.
-WAYMARK_VECTORISED void slide(const std::uint8_t* in, const std::uint8_t* out, int width,
+// Adds two rows to the columns' sums and takes two others away.
+WAYMARK_VECTORISED void slide(const std::uint8_t* in_1, const std::uint8_t* in_2,
+                              const std::uint8_t* out_1, const std::uint8_t* out_2, int width,
                               std::uint16_t* column) {
   for (int x = 0; x < width; ++x) {
-    column[x] = static_cast<std::uint16_t>(column[x] + in[x] - out[x]);
+    column[x] = static_cast<std::uint16_t>(column[x] + in_1[x] + in_2[x] - out_1[x] - out_2[x]);
   }
 }
 
-// sums[x] = the 16 columns from x on, in sums of 2, 4, 8 and 16 of them. `sums` has room for as
+// sums[x] = the 16 columns from x on, by way of sums of four. `sums` and `fours` have room for as
 // many columns, 15 more than width.
-WAYMARK_VECTORISED void sumWindows(const std::uint16_t* column, int width, std::uint16_t* sums) {
-  const int all = width + kWindow - 1;
-  for (int x = 0; x < all - 1; ++x) sums[x] = static_cast<std::uint16_t>(column[x] + column[x + 1]);
-  for (int x = 0; x < all - 3; ++x) sums[x] = static_cast<std::uint16_t>(sums[x] + sums[x + 2]);
-  for (int x = 0; x < all - 7; ++x) sums[x] = static_cast<std::uint16_t>(sums[x] + sums[x + 4]);
-  for (int x = 0; x < all - 15; ++x) sums[x] = static_cast<std::uint16_t>(sums[x] + sums[x + 8]);
+WAYMARK_VECTORISED void sumWindows(const std::uint16_t* column, int width, std::uint16_t* fours,
+                                   std::uint16_t* sums) {
+  for (int x = 0; x < width + 12; ++x) {
+    fours[x] =
+        static_cast<std::uint16_t>(column[x] + column[x + 1] + column[x + 2] + column[x + 3]);
+  }
+  for (int x = 0; x < width; ++x) {
+    sums[x] = static_cast<std::uint16_t>(fours[x] + fours[x + 4] + fours[x + 8] + fours[x + 12]);
+  }
 }
 
 // 1 where a pixel is dark.
@@ -40,17 +49,29 @@ WAYMARK_VECTORISED void flagDark(const std::uint8_t* grey, const std::uint16_t* 
   }
 }
 
-// Eight flags to eight bits: each product brings flag i to bit 56 + i.
-void pack(const std::uint8_t* flags, int words, std::uint64_t* bits) {
-  for (std::ptrdiff_t w = 0; w < words; ++w) {
-    std::uint64_t word = 0;
-    for (std::ptrdiff_t k = 0; k < 8; ++k) {
-      std::uint64_t eight = 0;
-      std::memcpy(&eight, flags + 64 * w + 8 * k, 8);
-      word |= (eight * 0x0102040810204080U >> 56U) << static_cast<unsigned>(8 * k);
-    }
-    bits[w] = word;
+// 64 flags to 64 bits.
+std::uint64_t wordOf(const std::uint8_t* flags) {
+  std::uint64_t word = 0;
+#ifdef __SSE2__
+  for (unsigned k = 0; k < 4; ++k) {
+    const __m128i sixteen =
+        _mm_loadu_si128(reinterpret_cast<const __m128i*>(flags + std::size_t{16} * k));
+    const auto bits = static_cast<std::uint32_t>(_mm_movemask_epi8(_mm_slli_epi16(sixteen, 7)));
+    word |= std::uint64_t{bits} << (16 * k);
   }
+#else
+  // Each product brings flag i of eight to bit 56 + i.
+  for (unsigned k = 0; k < 8; ++k) {
+    std::uint64_t eight = 0;
+    std::memcpy(&eight, flags + std::size_t{8} * k, 8);
+    word |= (eight * 0x0102040810204080U >> 56U) << (8 * k);
+  }
+#endif
+  return word;
+}
+
+void pack(const std::uint8_t* flags, int words, std::uint64_t* bits) {
+  for (std::ptrdiff_t w = 0; w < words; ++w) bits[w] = wordOf(flags + 64 * w);
 }
 
 void dropSpecks(const DarkMask& raw, DarkMask* mask) {
@@ -96,10 +117,12 @@ void DarkMaskMaker::resize(int width, int height) {
   for (Threshold& threshold : thresholds_) threshold.raw.resize(width, height);
   for (DarkMask& mask : masks_) mask.resize(width, height);
   column_.assign(static_cast<std::size_t>(width) + std::size_t{2 * kWindow}, 0);
+  fours_.assign(static_cast<std::size_t>(width) + std::size_t{kWindow}, 0);
   window_.assign(static_cast<std::size_t>(width) + std::size_t{kWindow}, 0);
   flags_.assign(64 * static_cast<std::size_t>((width + 63) / 64), 0);
 }
 
+// Two rows at a time: the windows around a pixel and around the one below it differ by little.
 std::span<const DarkMask> DarkMaskMaker::make(const ImageView& image) {
   resize(image.width, image.height);
   // Beyond the image its outermost rows and columns go on.
@@ -110,15 +133,21 @@ std::span<const DarkMask> DarkMaskMaker::make(const ImageView& image) {
     const std::uint8_t* row = rowNear(y);
     for (int x = 0; x < width_; ++x) column[x] = static_cast<std::uint16_t>(column[x] + row[x]);
   }
-  for (int y = 0; y < height_; ++y) {
-    if (y > 0) slide(rowNear(y + kWindow - kBefore - 1), rowNear(y - kBefore - 1), width_, column);
-    std::fill_n(column - kBefore, kBefore, column[0]);
+  for (int y = 0; y < height_; y += 2) {
+    if (y > 0) {
+      const int out = y - kBefore - 2;
+      slide(rowNear(out + kWindow), rowNear(out + kWindow + 1), rowNear(out), rowNear(out + 1),
+            width_, column);
+    }
+    std::fill_n(column - kColumnsBefore, kColumnsBefore, column[0]);
     std::fill_n(column + width_, kWindow, column[width_ - 1]);
-    sumWindows(column - kBefore, width_, window_.data());
-    for (Threshold& threshold : thresholds_) {
-      flagDark(image.row(y), window_.data(), width_, threshold.factor, threshold.offset,
-               flags_.data());
-      pack(flags_.data(), threshold.raw.wordsPerRow(), threshold.raw.row(y));
+    sumWindows(column - kColumnsBefore, width_, fours_.data(), window_.data());
+    for (int row = y; row < std::min(y + 2, height_); ++row) {
+      for (Threshold& threshold : thresholds_) {
+        flagDark(image.row(row), window_.data(), width_, threshold.factor, threshold.offset,
+                 flags_.data());
+        pack(flags_.data(), threshold.raw.wordsPerRow(), threshold.raw.row(row));
+      }
     }
   }
   for (std::size_t i = 0; i < masks_.size(); ++i) dropSpecks(thresholds_[i].raw, &masks_[i]);

@@ -12,7 +12,8 @@
 namespace waymark::slam {
 
 struct DarkMaskOptions {
-  // A pixel is dark below mean * (1 - share) - offset of the 16 x 16 window around it: the share
+  // A pixel is dark below mean * (1 - share) - offset of the 16 x 16 window around it and the pixel
+  // below it (above it, in odd rows): the share
   // goes with the light on the scene, the offset (grey levels) with the sensor's noise. Larger
   // values separate squares that touch and are deaf to faint prints.
   double share = 0.07;
@@ -62,6 +63,7 @@ class DarkMaskMaker {
   int width_ = 0;
   int height_ = 0;
   std::vector<std::uint16_t> column_;  // sums over the window's rows, padded
+  std::vector<std::uint16_t> fours_;   // sums over four of its columns
   std::vector<std::uint16_t> window_;  // sums over the whole window
   std::vector<std::uint8_t> flags_;    // of a row, one byte a pixel
 };

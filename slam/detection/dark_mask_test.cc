@@ -32,8 +32,9 @@ int nearest(const Picture& picture, int x, int y) {
 // By the definition, pixel by pixel.
 bool isDark(const Picture& picture, int x, int y, const DarkMaskOptions& options) {
   int sum = 0;
-  for (int dy = -8; dy < 8; ++dy) {
-    for (int dx = -8; dx < 8; ++dx) sum += nearest(picture, x + dx, y + dy);
+  const int upper = y - y % 2;  // of the two rows that share their windows
+  for (int dy = -7; dy < 9; ++dy) {
+    for (int dx = -8; dx < 8; ++dx) sum += nearest(picture, x + dx, upper + dy);
   }
   const auto factor = static_cast<unsigned>(std::lround(65536.0 * (1.0 - options.share) / 256.0));
   const auto level = static_cast<int>(static_cast<unsigned>(sum) * factor >> 16U);
