@@ -3,8 +3,8 @@
 // (arm64's NEON is always there) the compiler's ordinary version does.
 //
 // All versions give the same bits: integers, or floating point without sums that a compiler may
-// reorder, and none contracts a multiplication and an addition into one; tests/portability_test holds
-// them to it.
+// reorder, and none contracts a multiplication and an addition into one; tests/portability_test
+// holds them to it.
 #pragma once
 
 #if defined(__x86_64__) && defined(__GNUC__) && !defined(__clang__) && \

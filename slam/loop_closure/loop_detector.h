@@ -37,7 +37,7 @@ class LoopDetector {
 
  private:
   std::optional<KeyframeId> reference_;
-  KeyframeId newest_ = -1;          // of the map when local_markers_ was made
+  KeyframeId newest_ = -1;  // of the map when local_markers_ was made
   std::vector<int> local_markers_;
 };
 
