@@ -4,10 +4,10 @@
 # Seconds before a loop closes in which the live trajectory may be worse than twice the final one.
 seconds_before_loop=5
 
-# The commit that is measured; the report's own changes do not count.
+# The commit that is measured; changes of the documents do not count.
 commit() {
   local dirty
-  dirty=$(git status --porcelain --untracked-files=no -- . ':!docs/results.md' 2> /dev/null) || true
+  dirty=$(git status --porcelain --untracked-files=no -- . ':!docs' 2> /dev/null) || true
   printf '%s%s' "$(git rev-parse --short HEAD 2> /dev/null || echo unknown)" "${dirty:+-dirty}"
 }
 

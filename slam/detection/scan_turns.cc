@@ -11,7 +11,7 @@ ScanTurns::ScanTurns(int width, int height, const ScanTurnsOptions& options)
   while (height / (2 * factor) >= options.least_height_px) factor *= 2;
   // Not all of them in the same frame.
   for (; factor >= 1; factor /= 2) levels_.push_back({.factor = factor, .credit = factor});
-  constexpr std::size_t kStrips = 4;
+  constexpr std::size_t kStrips = 4;  // of two sizes along two borders
   due_.reserve(levels_.size() + kStrips);
 }
 
@@ -48,8 +48,9 @@ std::span<const ScanTurn> ScanTurns::next(double interval_s, const Eigen::Vector
 // longer to, so every other frame will do for them.
 void ScanTurns::addStrips(const Eigen::Vector2d& flow_px) {
   constexpr double kStill = 0.5;  // pixels a frame: its turn comes before much has come into view
-  for (const int factor : {2, 1}) {
-    if (factor == 2 && frame_ % 2 != 0) continue;
+  for (const int factor : {4, 2, 1}) {
+    const bool due = factor == 1 || (factor == 2) == (frame_ % 2 == 0);
+    if (!due || factor > levels_.front().factor) continue;
     const int across = factor * options_.overlap_px;
     if (std::abs(flow_px.x()) > kStill && across < width_) {
       due_.push_back({{flow_px.x() > 0.0 ? 0 : width_ - across, 0, across, height_}, factor});
