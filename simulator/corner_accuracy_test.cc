@@ -16,6 +16,7 @@
 #include "simulator/projected_marker.h"
 #include "simulator/simulation.h"
 #include "simulator/testing/apriltag_detector.h"
+#include "slam/geometry/plane.h"
 
 namespace waymark::simulator {
 namespace {
@@ -39,8 +40,6 @@ struct Bias {
     square /= count;
   }
 };
-
-Eigen::Vector2d middle(const ImageCorners& c) { return 0.25 * (c[0] + c[1] + c[2] + c[3]); }
 
 // A few frames of a scene, rendered.
 struct Sequence {
@@ -86,7 +85,7 @@ Bias measure(const Options& options, int every) {
       const auto corners = found.find(marker.id);
       if (corners == found.end()) continue;
       for (std::size_t i = 0; i < 4; ++i) {
-        bias.add(corners->second[i] - truth[i], truth[i] - middle(truth));
+        bias.add(corners->second[i] - truth[i], truth[i] - slam::centreOf(truth));
       }
     }
   }

@@ -30,6 +30,15 @@ settings_file() {
   printf '%s' "$work/settings.toml"
 }
 
+# run_simulated VIDEO TRUTH OPTION...: `waymark run` with what `waymark simulate` wrote beside a video.
+run_simulated() {
+  local video=$1 truth=$2
+  shift 2
+  "$waymark" run "$video" --calibration "$truth/calib.yml" --quiet \
+    --dictionary "$(jq -r .dictionary "$truth/simulation.json")" \
+    --marker-size "$(jq -r .marker_size_m "$truth/simulation.json")" "$@"
+}
+
 # measure_row ROW SEED FILE: renders, runs and evaluates a row of rows.json.
 measure_row() {
   local row=$1 seed=$2 file=$3 arguments ignore video truth=$work/truth out=$work/out windows
@@ -39,10 +48,8 @@ measure_row() {
   video=$(render "${arguments[@]}")
   rm -rf "$truth" "$out"
   "$waymark" simulate "${arguments[@]}" --out "$truth" --truth-only
-  "$waymark" run "$video" --calibration "$truth/calib.yml" --config "$(settings_file "$row")" \
-    --dictionary "$(jq -r .dictionary "$truth/simulation.json")" \
-    --marker-size "$(jq -r .marker_size_m "$truth/simulation.json")" \
-    --save-detections "$out/detections.csv" --out "$out" --quiet || [[ $? -eq 3 ]]
+  run_simulated "$video" "$truth" --config "$(settings_file "$row")" \
+    --save-detections "$out/detections.csv" --out "$out" || [[ $? -eq 3 ]]
   if [[ $(jq .localized "$out/stats.json") -eq 0 ]]; then # nothing to measure
     jq -n --argjson row "$row" --argjson seed "$seed" --argjson made "$(provenance)" \
       --slurpfile stats "$out/stats.json" \

@@ -97,7 +97,7 @@ void DarkMask::resize(int width, int height) {
   width_ = width;
   height_ = height;
   words_per_row_ = (width + 63) / 64;
-  bits_.assign(static_cast<std::size_t>(words_per_row_) * static_cast<std::size_t>(height), 0);
+  bits_.resize(static_cast<std::size_t>(words_per_row_) * static_cast<std::size_t>(height));
 }
 
 DarkMaskMaker::DarkMaskMaker(std::span<const DarkMaskOptions> thresholds)
@@ -116,9 +116,10 @@ void DarkMaskMaker::resize(int width, int height) {
   height_ = height;
   for (Threshold& threshold : thresholds_) threshold.raw.resize(width, height);
   for (DarkMask& mask : masks_) mask.resize(width, height);
-  column_.assign(static_cast<std::size_t>(width) + std::size_t{2 * kWindow}, 0);
-  fours_.assign(static_cast<std::size_t>(width) + std::size_t{kWindow}, 0);
-  window_.assign(static_cast<std::size_t>(width) + std::size_t{kWindow}, 0);
+  column_.resize(static_cast<std::size_t>(width) + std::size_t{2 * kWindow});
+  fours_.resize(static_cast<std::size_t>(width) + std::size_t{kWindow});
+  window_.resize(static_cast<std::size_t>(width) + std::size_t{kWindow});
+  // Those beyond the width stay zero.
   flags_.assign(64 * static_cast<std::size_t>((width + 63) / 64), 0);
 }
 

@@ -13,9 +13,9 @@ namespace waymark::slam {
 
 struct DarkMaskOptions {
   // A pixel is dark below mean * (1 - share) - offset of the 16 x 16 window around it and the pixel
-  // below it (above it, in odd rows): the share
-  // goes with the light on the scene, the offset (grey levels) with the sensor's noise. Larger
-  // values separate squares that touch and are deaf to faint prints.
+  // below it (above it, in odd rows): the share goes with the light on the scene, the offset (grey
+  // levels) with the sensor's noise. Larger values separate squares that touch and are deaf to
+  // faint prints.
   double share = 0.07;
   double offset = 4.0;
 };
@@ -24,6 +24,7 @@ struct DarkMaskOptions {
 // the width are zero.
 class DarkMask {
  public:
+  // Changes the size only; what the bits are then is not said.
   void resize(int width, int height);
 
   [[nodiscard]] int width() const { return width_; }

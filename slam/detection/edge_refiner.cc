@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
-#include <limits>
 
 #include <Eigen/Geometry>
 #include <Eigen/LU>
@@ -13,7 +12,7 @@ namespace waymark::slam {
 namespace {
 
 // How far from the side pixels are looked at, and how near its ends, pixels.
-struct Window {
+struct SideWindow {
   double outer;
   double inner;
   double end_margin;
@@ -21,7 +20,7 @@ struct Window {
 
 // Wide enough for the blur, but not beyond what the model knows: outside, the quiet zone is taken
 // to be as wide as the border; inside, the cells behind the border are known only with the code.
-Window windowFor(const MarkerSide& side, double blur_px, bool code_known) {
+SideWindow windowFor(const MarkerSide& side, double blur_px, bool code_known) {
   constexpr double kNarrowest = 1.5;
   const double wanted = 2.5 * blur_px + 0.7;
   const double border = std::min(side.thickness_start, side.thickness_end);
@@ -100,8 +99,8 @@ WAYMARK_INLINE Lanes derivativeOf(const std::array<float, 5>& c, const Lanes& t)
 
 // Where each row crosses the side, and what follows from that. first_sample: by row, its first
 // sample's coordinate on the minor axis.
-WAYMARK_VECTORISED void crossRows(const MarkerSide& side, const Window& window, const RowGrid& grid,
-                                  EdgeRows* rows, std::int32_t* first_sample) {
+WAYMARK_VECTORISED void crossRows(const MarkerSide& side, const SideWindow& window,
+                                  const RowGrid& grid, EdgeRows* rows, std::int32_t* first_sample) {
   const auto f = [](double value) { return static_cast<float>(value); };
   std::array<float, 5> along;
   std::array<float, 5> over;
@@ -198,7 +197,7 @@ void EdgeRefiner::layOutRows(const ImageView& image, const std::array<MarkerSide
                              std::size_t index, const InnerRing* ring, int most_rows,
                              double blur_px) {
   const MarkerSide& side = sides[index];
-  const Window window = windowFor(side, blur_px, ring != nullptr);
+  const SideWindow window = windowFor(side, blur_px, ring != nullptr);
   // Rows follow each other along the side's longer axis, and cross it along the other.
   const Eigen::Vector2d delta_px = side.end_px - side.start_px;
   const Eigen::Index major = std::abs(delta_px.x()) >= std::abs(delta_px.y()) ? 0 : 1;

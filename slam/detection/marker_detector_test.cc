@@ -2,30 +2,17 @@
 
 #include <gtest/gtest.h>
 
-#include "slam/testing/picture.h"
+#include "slam/testing/drawn_marker.h"
 
 namespace waymark::slam {
 namespace {
 
-// A light wall on which markers are drawn upright or turned by quarters, with sharp edges.
+// A light wall on which markers are drawn upright or turned by quarters.
 class MarkerDetectorTest : public ::testing::Test {
  protected:
-  // `left` and `top`: the first pixel of the border.
   void draw(const Dictionary& dictionary, int id, int left, int top, int cell_px,
             int quarters = 0) {
-    const int cells = dictionary.cells();
-    for (int y = 0; y < cells * cell_px; ++y) {
-      for (int x = 0; x < cells * cell_px; ++x) {
-        int row = y / cell_px;
-        int column = x / cell_px;
-        for (int turn = 0; turn < quarters; ++turn) {
-          const int before = row;
-          row = cells - 1 - column;
-          column = before;
-        }
-        wall_.at(left + x, top + y) = dictionary.white(id, row, column) ? 200 : 30;
-      }
-    }
+    testing::drawMarker(dictionary, id, left, top, cell_px, quarters, &wall_);
   }
 
   CameraModel camera_{

@@ -40,27 +40,19 @@ const std::vector<MarkerDetection>& MarkerFollower::find(const ImageView& image,
   time_ns_ = time_ns;
   detector_.begin();
   const bool may_follow = options_.enabled && interval_s > 0.0 && !followed_.empty();
-  if (may_follow && follow(image, expected, interval_s)) {
-    const Eigen::Vector2d flow_px = flow();
-    const bool fast = flow_px.norm() > options_.fastest_flow * std::min(image.width, image.height);
-    mode_ = fast ? SearchMode::kFullScan : SearchMode::kFollowing;
-    if (fast) {
-      scanAll(image);
-    } else {
-      lookForNewcomers(image, expected);
-      for (const ScanTurn& turn : turns_.next(interval_s, flow_px)) detector_.scan(image, turn);
-    }
+  const bool followed = may_follow && follow(image, expected, interval_s);
+  if (!followed) detector_.begin();  // without what was found by chance
+  const Eigen::Vector2d flow_px = flow();
+  const bool fast = flow_px.norm() > options_.fastest_flow * std::min(image.width, image.height);
+  mode_ = followed && !fast ? SearchMode::kFollowing : SearchMode::kFullScan;
+  if (mode_ == SearchMode::kFollowing) {
+    lookForNewcomers(image, expected);
+    for (const ScanTurn& turn : turns_.next(interval_s, flow_px)) detector_.scan(image, turn);
   } else {
-    mode_ = SearchMode::kFullScan;
-    detector_.begin();
-    scanAll(image);
+    detector_.scan(image, {{0, 0, image.width, image.height}, 1});
   }
   remember(interval_s);
   return detector_.finish();
-}
-
-void MarkerFollower::scanAll(const ImageView& image) {
-  detector_.scan(image, {{0, 0, image.width, image.height}, 1});
 }
 
 // Large markers first: what their motion was not expected to be, the others' will not be either.

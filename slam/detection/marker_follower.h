@@ -65,7 +65,6 @@ class MarkerFollower {
  private:
   using Corners = std::array<Eigen::Vector2d, 4>;
 
-  void scanAll(const ImageView& image);
   // Whether enough of the last frame's markers were found.
   [[nodiscard]] bool follow(const ImageView& image, std::span<const ExpectedMarker> expected,
                             double interval_s);

@@ -2,7 +2,7 @@
 
 #include <gtest/gtest.h>
 
-#include "slam/testing/picture.h"
+#include "slam/testing/drawn_marker.h"
 
 namespace waymark::slam {
 namespace {
@@ -18,15 +18,10 @@ class MarkerFollowerTest : public ::testing::Test {
     int top;
   };
 
+  static constexpr int kCell_px = 5;
+
   void draw(const Placed& marker) {
-    constexpr int kCell = 5;
-    const int side = dictionary_.cells() * kCell;
-    for (int y = 0; y < side; ++y) {
-      for (int x = 0; x < side; ++x) {
-        wall_.at(marker.left + x, marker.top + y) =
-            dictionary_.white(marker.id, y / kCell, x / kCell) ? 200 : 30;
-      }
-    }
+    testing::drawMarker(dictionary_, marker.id, marker.left, marker.top, kCell_px, 0, &wall_);
   }
   // One more frame, with these markers.
   const std::vector<MarkerDetection>& show(const std::vector<Placed>& markers,
@@ -41,7 +36,7 @@ class MarkerFollowerTest : public ::testing::Test {
     return (detection.pixels[0] - Eigen::Vector2d(truth.left - 0.5, truth.top - 0.5)).norm();
   }
   [[nodiscard]] std::array<Eigen::Vector2d, 4> corners(const Placed& marker) const {
-    const double side = 5.0 * dictionary_.cells();
+    const double side = kCell_px * dictionary_.cells();
     std::array<Eigen::Vector2d, 4> pixels = {Eigen::Vector2d(0, 0), Eigen::Vector2d(side, 0),
                                              Eigen::Vector2d(side, side), Eigen::Vector2d(0, side)};
     for (auto& p : pixels) p += Eigen::Vector2d(marker.left - 0.5, marker.top - 0.5);

@@ -9,7 +9,11 @@
 namespace waymark::slam {
 namespace {
 
-// Pairs of pixels, in whatever order the machine loads them.
+// The two pixels in the middle of each two or four of two rows: the inner bytes of words, in
+// whatever order the machine loads them.
+using ReduceRows = void (*)(const std::uint8_t* above, const std::uint8_t* below, int width,
+                            std::uint8_t* out);
+
 WAYMARK_VECTORISED void halveRows(const std::uint8_t* above, const std::uint8_t* below, int width,
                                   std::uint8_t* out) {
   for (int x = 0; x < width; ++x) {
@@ -22,8 +26,6 @@ WAYMARK_VECTORISED void halveRows(const std::uint8_t* above, const std::uint8_t*
   }
 }
 
-// The two pixels in the middle of each four: of the words' four bytes the inner ones, in whatever
-// order the machine loads them.
 WAYMARK_VECTORISED void quarterRows(const std::uint8_t* above, const std::uint8_t* below, int width,
                                     std::uint8_t* out) {
   for (int x = 0; x < width; ++x) {
@@ -37,24 +39,16 @@ WAYMARK_VECTORISED void quarterRows(const std::uint8_t* above, const std::uint8_
   }
 }
 
-ImageView quarter(const ImageView& image, std::vector<std::uint8_t>* out) {
-  const int width = image.width / 4;
-  const int height = image.height / 4;
+// factor: that of reduce_rows, 2 or 4.
+ImageView reduceBy(int factor, ReduceRows reduce_rows, const ImageView& image,
+                   std::vector<std::uint8_t>* out) {
+  const int width = image.width / factor;
+  const int height = image.height / factor;
   out->resize(static_cast<std::size_t>(width) * static_cast<std::size_t>(height));
   for (int y = 0; y < height; ++y) {
-    quarterRows(image.row(4 * y + 1), image.row(4 * y + 2), width,
+    const int below = factor * y + factor / 2;  // of the two rows in the middle
+    reduce_rows(image.row(below - 1), image.row(below), width,
                 out->data() + std::ptrdiff_t{y} * width);
-  }
-  return {out->data(), width, height, width};
-}
-
-ImageView halve(const ImageView& image, std::vector<std::uint8_t>* out) {
-  const int width = image.width / 2;
-  const int height = image.height / 2;
-  out->resize(static_cast<std::size_t>(width) * static_cast<std::size_t>(height));
-  for (int y = 0; y < height; ++y) {
-    halveRows(image.row(2 * y), image.row(2 * y + 1), width,
-              out->data() + std::ptrdiff_t{y} * width);
   }
   return {out->data(), width, height, width};
 }
@@ -62,11 +56,11 @@ ImageView halve(const ImageView& image, std::vector<std::uint8_t>* out) {
 }  // namespace
 
 ImageView ImageReducer::reduce(const ImageView& image, int factor) {
-  if (factor == 2) return halve(image, &reduced_);
-  ImageView view = quarter(image, &reduced_);
+  if (factor == 2) return reduceBy(2, halveRows, image, &reduced_);
+  ImageView view = reduceBy(4, quarterRows, image, &reduced_);
   for (factor /= 4; factor > 1; factor /= 2) {
     std::swap(reduced_, former_);
-    view = halve(view, &reduced_);
+    view = reduceBy(2, halveRows, view, &reduced_);
   }
   return view;
 }

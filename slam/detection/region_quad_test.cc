@@ -66,7 +66,7 @@ double difference(const Quad& a, const Quad& b) {
 
 TEST(RegionQuad, FindsSquaresTurnedAnyWay) {
   for (const double side : {14.0, 25.0, 60.0}) {
-    for (double degrees = 0.0; degrees < 90.0; degrees += 3.0) {
+    for (int degrees = 0; degrees < 90; degrees += 3) {
       const Quad truth = turned(side, degrees * std::numbers::pi / 180.0);
       Shapes shapes;
       shapes.darken(truth);
@@ -83,7 +83,7 @@ TEST(RegionQuad, FindsSquaresTurnedAnyWay) {
 }
 
 TEST(RegionQuad, FindsSquaresSeenFromTheSide) {
-  for (double degrees = 0.0; degrees < 90.0; degrees += 7.0) {
+  for (int degrees = 0; degrees < 90; degrees += 7) {
     const Quad truth = turned(40.0, degrees * std::numbers::pi / 180.0, 0.4);
     Shapes shapes;
     shapes.darken(truth);
