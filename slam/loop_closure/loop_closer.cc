@@ -107,7 +107,7 @@ Map correctedMap(const Map& map, const LoopFrame& loop, const Transform& expecte
   graph.edges.push_back({c, t, T_w_closing.inverse() * expected});
   graph.poses.push_back(loop.frame.T_w_c);
   graph.fixed = c;
-  (void)optimisePoseGraph(&graph, options.pose_graph);
+  (void)inOneGo([&](Allowance* a) { return optimisePoseGraph(&graph, options.pose_graph, a); });
 
   Map corrected = map;
   for (std::size_t i = 0; i < ids.size(); ++i) corrected.keyframePose(ids[i]) = graph.poses[i];

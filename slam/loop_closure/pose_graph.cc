@@ -2,9 +2,9 @@
 
 #include <algorithm>
 #include <cmath>
-#include <optional>
+#include <utility>
 
-#include "slam/optimisation/reduced_system.h"
+#include "slam/optimisation/block_system.h"
 
 namespace waymark::slam {
 namespace {
@@ -21,14 +21,20 @@ Eigen::Matrix3d inverseRightJacobian(const Eigen::Vector3d& r) {
   return Eigen::Matrix3d::Identity() + 0.5 * K + factor * K * K;
 }
 
-double graphCost(const PoseGraph& graph, const std::vector<Transform>& poses, double scale) {
+// What steps cost, in microseconds of a core of 3 GHz.
+constexpr double kEdgeError = 0.15;
+constexpr double kEdge = 0.8;
+
+Task<double> graphCost(const PoseGraph& graph, const std::vector<Transform>& poses, double scale,
+                       Allowance* allowance) {
   double cost = 0.0;
   for (const PoseGraph::Edge& edge : graph.edges) {
+    co_await allowance->spend(kEdgeError);
     const auto a = static_cast<std::size_t>(edge.a);
     const auto b = static_cast<std::size_t>(edge.b);
     cost += edge.weight * edgeError(poses[a], poses[b], edge.T_a_b, scale).squaredNorm();
   }
-  return cost;
+  co_return cost;
 }
 
 // Index among the unknowns; -1 for the fixed pose.
@@ -37,38 +43,56 @@ int unknown(const PoseGraph& graph, int pose) {
   return pose < graph.fixed ? pose : pose - 1;
 }
 
-std::optional<Eigen::VectorXd> solve(const PoseGraph& graph, double scale, double lambda) {
-  ReducedSystem system(static_cast<int>(graph.poses.size()) - 1, /*with_lens=*/false);
-  const auto add = [&](int row, int column, const Matrix6d& block) {
-    if (row < 0 || column < 0) return;
-    if (row < column) {
-      system.addBlock(column, row, block.transpose());
-    } else {
-      system.addBlock(row, column, block);
-    }
-  };
-  const auto damped = [&](Matrix6d H) {
-    H.diagonal() *= 1.0 + lambda;
-    return H;
-  };
-  // A pose without an edge stays where it is, and the system is still positive definite.
-  for (int i = 0; i + 1 < static_cast<int>(graph.poses.size()); ++i) {
-    add(i, i, 1e-12 * Matrix6d::Identity());
-  }
+Task<Done> arrange(const PoseGraph& graph, BlockSystem* system, Allowance* allowance) {
+  std::vector<std::vector<int>> neighbours(graph.poses.size() - 1);
   for (const PoseGraph::Edge& edge : graph.edges) {
-    const Transform& T_w_a = graph.poses[static_cast<std::size_t>(edge.a)];
-    const Transform& T_w_b = graph.poses[static_cast<std::size_t>(edge.b)];
-    const Vector6d e = edgeError(T_w_a, T_w_b, edge.T_a_b, scale);
-    const EdgeJacobians J = edgeJacobians(T_w_a, T_w_b, edge.T_a_b, scale);
     const int a = unknown(graph, edge.a);
     const int b = unknown(graph, edge.b);
-    add(a, a, damped(edge.weight * J.a.transpose() * J.a));
-    add(b, b, damped(edge.weight * J.b.transpose() * J.b));
-    add(a, b, edge.weight * J.a.transpose() * J.b);
-    if (a >= 0) system.addRight(a, -edge.weight * J.a.transpose() * e);
-    if (b >= 0) system.addRight(b, -edge.weight * J.b.transpose() * e);
+    if (a >= 0 && b >= 0) neighbours[static_cast<std::size_t>(a)].push_back(b);
   }
-  return system.solve();
+  co_return co_await system->arrange(std::move(neighbours), /*with_globals=*/false, allowance);
+}
+
+void addEdge(const PoseGraph& graph, const PoseGraph::Edge& edge, double scale, double lambda,
+             BlockSystem* system) {
+  const Transform& T_w_a = graph.poses[static_cast<std::size_t>(edge.a)];
+  const Transform& T_w_b = graph.poses[static_cast<std::size_t>(edge.b)];
+  const Vector6d e = edgeError(T_w_a, T_w_b, edge.T_a_b, scale);
+  const EdgeJacobians J = edgeJacobians(T_w_a, T_w_b, edge.T_a_b, scale);
+  const auto addOwn = [&](int pose, const Matrix6d& J_own) {
+    Matrix6d H = edge.weight * J_own.transpose() * J_own;
+    H.diagonal() *= 1.0 + lambda;
+    system->diagonal(system->positionOf(pose)) += H;
+    system->right(system->positionOf(pose)) -= edge.weight * J_own.transpose() * e;
+  };
+  const int a = unknown(graph, edge.a);
+  const int b = unknown(graph, edge.b);
+  if (a >= 0) addOwn(a, J.a);
+  if (b >= 0) addOwn(b, J.b);
+  if (a < 0 || b < 0) return;
+  const Matrix6d H = edge.weight * J.a.transpose() * J.b;
+  const int row = system->positionOf(a);
+  const int column = system->positionOf(b);
+  if (row > column) {
+    system->block(system->place(row, column)) += H;
+  } else {
+    system->block(system->place(column, row)) += H.transpose();
+  }
+}
+
+// The step is left in the system's right sides; false when there is none.
+Task<bool> solve(const PoseGraph& graph, double scale, double lambda, BlockSystem* system,
+                 Allowance* allowance) {
+  (void)co_await system->clear(allowance);
+  // A pose without an edge stays where it is, and the system is still positive definite.
+  for (int i = 0; i < system->poses(); ++i) {
+    system->diagonal(i).diagonal().setConstant(1e-12);
+  }
+  for (const PoseGraph::Edge& edge : graph.edges) {
+    co_await allowance->spend(kEdge);
+    addEdge(graph, edge, scale, lambda, system);
+  }
+  co_return co_await system->solve(allowance);
 }
 
 }  // namespace
@@ -97,27 +121,33 @@ EdgeJacobians edgeJacobians(const Transform& T_w_a, const Transform& T_w_b, cons
   return J;
 }
 
-PoseGraphSummary optimisePoseGraph(PoseGraph* graph, const PoseGraphOptions& options) {
+Task<PoseGraphSummary> optimisePoseGraph(PoseGraph* graph, const PoseGraphOptions& options,
+                                         Allowance* allowance) {
   constexpr double kHopeless = 1e8;
   PoseGraphSummary summary;
-  if (graph->poses.empty()) return summary;
+  if (graph->poses.empty()) co_return summary;
   const double scale = options.radians_per_metre;
-  summary.initial_cost = summary.final_cost = graphCost(*graph, graph->poses, scale);
+  summary.initial_cost = summary.final_cost =
+      co_await graphCost(*graph, graph->poses, scale, allowance);
+  BlockSystem system;
+  (void)co_await arrange(*graph, &system, allowance);
   double lambda = 1e-6;
   std::vector<Transform> trial = graph->poses;
   while (summary.iterations < options.max_iterations && lambda < kHopeless) {
     ++summary.iterations;
-    const auto step = solve(*graph, scale, lambda);
-    if (step) {
+    const bool solved = co_await solve(*graph, scale, lambda, &system, allowance);
+    double cost = summary.final_cost;
+    if (solved) {
       for (int i = 0; i < static_cast<int>(trial.size()); ++i) {
         const int row = unknown(*graph, i);
         if (row < 0) continue;
+        co_await allowance->spend(kEdgeError);
         const auto at = static_cast<std::size_t>(i);
-        trial[at] = graph->poses[at].retract(step->segment<6>(6 * row));
+        trial[at] = graph->poses[at].retract(system.right(system.positionOf(row)));
       }
+      cost = co_await graphCost(*graph, trial, scale, allowance);
     }
-    const double cost = step ? graphCost(*graph, trial, scale) : summary.final_cost;
-    if (!step || !(cost <= summary.final_cost)) {
+    if (!solved || !(cost <= summary.final_cost)) {
       lambda *= 10.0;
       continue;
     }
@@ -127,7 +157,7 @@ PoseGraphSummary optimisePoseGraph(PoseGraph* graph, const PoseGraphOptions& opt
     lambda = std::max(0.1 * lambda, 1e-12);
     if (decrease <= options.min_relative_decrease * cost) break;
   }
-  return summary;
+  co_return summary;
 }
 
 }  // namespace waymark::slam

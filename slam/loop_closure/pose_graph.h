@@ -4,6 +4,7 @@
 
 #include <vector>
 
+#include "base/task.h"
 #include "slam/geometry/transform.h"
 
 namespace waymark::slam {
@@ -34,7 +35,8 @@ struct PoseGraphSummary {
 };
 
 // Levenberg-Marquardt on Eq. 39, sparse. Improves the poses in place.
-PoseGraphSummary optimisePoseGraph(PoseGraph* graph, const PoseGraphOptions& options = {});
+Task<PoseGraphSummary> optimisePoseGraph(PoseGraph* graph, const PoseGraphOptions& options,
+                                         Allowance* allowance);
 
 // An edge's error: translation in metres times radians_per_metre, then rotation vector, radians.
 [[nodiscard]] Vector6d edgeError(const Transform& T_w_a, const Transform& T_w_b,

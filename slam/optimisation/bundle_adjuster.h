@@ -7,10 +7,13 @@
 #pragma once
 
 #include <optional>
+#include <utility>
 #include <vector>
 
+#include "base/task.h"
 #include "slam/optimisation/bundle_problem.h"
 #include "slam/optimisation/normal_equations.h"
+#include "slam/optimisation/schur_complement.h"
 
 namespace waymark::slam {
 
@@ -41,17 +44,17 @@ struct BundleSummary {
   bool failed = false;
 };
 
-// An adjustment that can be done in slices: every step() is one iteration.
 class BundleAdjuster {
  public:
   // At least one pose should be fixed or have a prior, or the gauge floats (and is held by the
   // damping only). The detections must outlive the adjuster.
-  BundleAdjuster(BundleProblem problem, const BundleOptions& options);
+  BundleAdjuster(BundleProblem problem, const BundleOptions& options)
+      : problem_(std::move(problem)), options_(options) {}
 
-  // One iteration. False when there is nothing left to do.
-  bool step();
+  // All of it; once.
+  Task<BundleSummary> run(Allowance* allowance);
 
-  // The poses so far.
+  // The best poses found; after run().
   [[nodiscard]] const BundleProblem& problem() const { return problem_; }
   [[nodiscard]] const BundleSummary& summary() const { return summary_; }
   // Of a marker's (dp, dtheta), given the cameras: the inverse of its own block of the normal
@@ -59,25 +62,33 @@ class BundleAdjuster {
   [[nodiscard]] Matrix6d markerCovariance(int marker) const;
   // Standard deviation of the readout time, seconds, scaled by the noise; empty when it is no
   // unknown or cannot be known.
-  [[nodiscard]] std::optional<double> readoutSigma_s() const;
+  Task<std::optional<double>> readoutSigma_s(Allowance* allowance);
 
  private:
+  // Weights, noise and the first linearisation; false when a corner is behind its camera.
+  Task<bool> begin(Allowance* allowance);
+  // One iteration. False when it was the last one.
+  Task<bool> iterate(Allowance* allowance);
+  // Applies step_ to the trial. False when it leaves what a lens can be.
+  Task<bool> move(Allowance* allowance);
+  void accept(double cost);
   // Leaves gross views out from here on. False when the rest has no cost.
-  bool gateViews();
-  [[nodiscard]] std::vector<std::size_t> grossViews() const;
+  Task<bool> gateViews(Allowance* allowance);
+  [[nodiscard]] std::vector<std::size_t> grossViews(const std::vector<double>& squared) const;
 
   BundleProblem problem_;
   BundleProblem trial_;
   std::vector<WhitenedCorners> whitened_;  // by observation
   NormalEquations equations_;              // at problem_
+  SchurComplement schur_;
+  BundleStep step_;
   BundleOptions options_;
   BundleSummary summary_;
   double lambda_ = 1e-5;
   bool gate_passed_ = false;
-  bool done_ = false;
 };
 
-// All steps at once; improves the problem in place.
+// All at once; improves the problem in place.
 BundleSummary adjustBundle(BundleProblem* problem, const BundleOptions& options = {});
 
 // The robust cost of the problem as it stands; infinite when a corner is behind its camera.

@@ -47,8 +47,7 @@ class MapProblem {
 
   BundleSummary optimise(Map* map, const BundleOptions& options) {
     BundleAdjuster adjuster(std::move(problem), options);
-    while (adjuster.step()) {
-    }
+    (void)inOneGo([&](Allowance* allowance) { return adjuster.run(allowance); });
     problem = adjuster.problem();
     for (std::size_t c = 0; c < keyframes_.size(); ++c) {
       map->keyframePose(keyframes_[c]) = problem.cameras[c].T;
@@ -64,7 +63,8 @@ class MapProblem {
   // As it is, without optimising anything.
   [[nodiscard]] MapFit fit() const {
     MapFit fit;
-    if (cornerErrors(problem, whitenCorners(problem), &fit.squared)) {
+    const auto whitened = inOneGo([&](Allowance* a) { return whitenCorners(problem, a); });
+    if (inOneGo([&](Allowance* a) { return cornerErrors(problem, whitened, &fit.squared, a); })) {
       fit.noise = noiseScale(fit.squared);
     } else {
       fit.squared.assign(4 * problem.observations.size(), std::numeric_limits<double>::infinity());
@@ -180,9 +180,8 @@ std::optional<ReadoutEstimate> estimateReadout(const Map& map, const MarkerOptio
   MapProblem newest = newestPart(map, keyframes, markers);
   newest.freeReadout(map, readout_s, camera);
   BundleAdjuster adjuster(std::move(newest.problem), options);
-  while (adjuster.step()) {
-  }
-  const std::optional<double> sigma_s = adjuster.readoutSigma_s();
+  (void)inOneGo([&](Allowance* a) { return adjuster.run(a); });
+  const auto sigma_s = inOneGo([&](Allowance* a) { return adjuster.readoutSigma_s(a); });
   if (adjuster.summary().failed || !sigma_s) return std::nullopt;
   return ReadoutEstimate{adjuster.problem().shutter->readout_s, *sigma_s};
 }

@@ -3,6 +3,7 @@
 #include <Eigen/Cholesky>
 #include <gtest/gtest.h>
 
+#include "slam/optimisation/schur_complement.h"
 #include "slam/testing/bundle_scenario.h"
 
 namespace waymark::slam {
@@ -32,6 +33,21 @@ BundleProblem moved(const BundleProblem& problem, int unknown, double by) {
     other.lens->camera = CameraModel(problem.lens->camera.withIntrinsics(intrinsics));
   }
   return other;
+}
+
+std::vector<WhitenedCorners> whitenCorners(const BundleProblem& problem) {
+  return inOneGo([&](Allowance* a) { return slam::whitenCorners(problem, a); });
+}
+
+bool robustCost(const BundleProblem& problem, const std::vector<WhitenedCorners>& whitened,
+                double huber, double* cost) {
+  return inOneGo([&](Allowance* a) { return slam::robustCost(problem, whitened, huber, cost, a); });
+}
+
+bool linearise(const BundleProblem& problem, const std::vector<WhitenedCorners>& whitened,
+               double huber, NormalEquations* equations) {
+  return inOneGo(
+      [&](Allowance* a) { return slam::linearise(problem, whitened, huber, equations, a); });
 }
 
 NormalEquations linearised(const BundleProblem& problem,
@@ -156,8 +172,11 @@ TEST(NormalEquations, TheSchurComplementSolvesTheWholeSystem) {
       }
       const NormalEquations equations = linearised(s.problem, whitenCorners(s.problem), kNoKernel);
       constexpr double kLambda = 1e-2;
+      SchurComplement schur;
+      (void)inOneGo([&](Allowance* a) { return schur.arrange(s.problem, a); });
       BundleStep step;
-      ASSERT_TRUE(solveStep(s.problem, equations, kLambda, &step));
+      ASSERT_TRUE(inOneGo(
+          [&](Allowance* a) { return schur.solve(s.problem, equations, kLambda, &step, a); }));
 
       Eigen::MatrixXd H = wholeMatrix(s.problem, equations);
       Eigen::VectorXd g = wholeGradient(s.problem, equations);
@@ -206,7 +225,12 @@ TEST(NormalEquations, TheReadoutsGradientMatchesFiniteDifferences) {
     };
     const double numeric = (costWith(kStep_s) - costWith(-kStep_s)) / (4.0 * kStep_s);
     EXPECT_NEAR(numeric, equations.g_global[9], 1e-5 * std::abs(equations.g_global[9]));
-    const auto variance = readoutVariance(s.problem, equations);
+    SchurComplement schur;
+    (void)inOneGo([&](Allowance* a) { return schur.arrange(s.problem, a); });
+    BundleStep step;
+    ASSERT_TRUE(
+        inOneGo([&](Allowance* a) { return schur.solve(s.problem, equations, 0.0, &step, a); }));
+    const auto variance = schur.readoutVariance(s.problem);
     ASSERT_TRUE(variance);
     EXPECT_GT(*variance, 0.0);
     EXPECT_LT(*variance, shutter.sigma_s * shutter.sigma_s);
@@ -222,7 +246,8 @@ TEST(NormalEquations, ACornerBehindItsCameraHasNoCost) {
   std::vector<double> squared;
   EXPECT_FALSE(linearise(s.problem, whitened, kNoKernel, &equations));
   EXPECT_FALSE(robustCost(s.problem, whitened, kNoKernel, &cost));
-  EXPECT_FALSE(cornerErrors(s.problem, whitened, &squared));
+  EXPECT_FALSE(
+      inOneGo([&](Allowance* a) { return cornerErrors(s.problem, whitened, &squared, a); }));
 }
 
 }  // namespace

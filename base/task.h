@@ -1,0 +1,160 @@
+// Work in slices. A task is written as if it were done in one go, and is put aside whenever it has
+// spent what it was given, to go on from there the next time:
+//
+//   Task<int> sum(std::span<const int> values, Allowance* allowance) {
+//     int total = 0;
+//     for (const int value : values) {
+//       co_await allowance->spend(kAddition);
+//       total += value;
+//     }
+//     co_return total;
+//   }
+//
+// What it spends is counted, not timed: the same work is cut into the same slices everywhere.
+#pragma once
+
+#include <coroutine>
+#include <exception>
+#include <limits>
+#include <optional>
+#include <utility>
+
+namespace waymark {
+
+// What tasks may spend, in units of their own choice. Everything that belongs to one task, and the
+// tasks it waits for, spends from the same allowance, which outlives them.
+class Allowance {
+ public:
+  // As much as it takes.
+  [[nodiscard]] static Allowance unlimited() {
+    Allowance allowance;
+    allowance.left_ = std::numeric_limits<double>::infinity();
+    return allowance;
+  }
+
+  // What was overspent last time is owed now; what was left is lost.
+  void grant(double units) { left_ = (left_ < 0.0 ? left_ : 0.0) + units; }
+  [[nodiscard]] double left() const { return left_; }
+
+  struct Spending {
+    Allowance* allowance;
+    [[nodiscard]] bool await_ready() const { return allowance->left_ > 0.0; }
+    void await_suspend(std::coroutine_handle<> where) const { allowance->waiting_ = where; }
+    void await_resume() const {}
+  };
+  // Puts the task aside where nothing is left, before it does what these units are for.
+  [[nodiscard]] Spending spend(double units) {
+    left_ -= units;
+    return {this};
+  }
+
+  // Goes on where the task was put aside, if there is anything left.
+  void resume() {
+    if (waiting_ && left_ > 0.0) std::exchange(waiting_, nullptr).resume();
+  }
+
+ private:
+  double left_ = 0.0;
+  std::coroutine_handle<> waiting_;
+};
+
+// Of a task that has nothing to tell.
+struct Done {};
+
+// Begins when it is awaited, by another task or through InSlices or inOneGo below. Arguments that a
+// task takes by reference or pointer must outlive it.
+template <typename T>
+class [[nodiscard]] Task {
+ public:
+  struct promise_type {
+    std::optional<T> value;
+    std::coroutine_handle<> parent = std::noop_coroutine();
+
+    Task get_return_object() {
+      return Task(std::coroutine_handle<promise_type>::from_promise(*this));
+    }
+    std::suspend_always initial_suspend() noexcept { return {}; }
+    struct GoOnWithParent {
+      bool await_ready() noexcept { return false; }
+      std::coroutine_handle<> await_suspend(std::coroutine_handle<promise_type> done) noexcept {
+        return done.promise().parent;
+      }
+      void await_resume() noexcept {}
+    };
+    GoOnWithParent final_suspend() noexcept { return {}; }
+    void return_value(T result) { value = std::move(result); }
+    void unhandled_exception() { std::terminate(); }  // only memory can run out
+  };
+
+  Task(Task&& other) noexcept : handle_(std::exchange(other.handle_, nullptr)) {}
+  Task& operator=(Task&& other) noexcept {
+    std::swap(handle_, other.handle_);
+    return *this;
+  }
+  Task(const Task&) = delete;
+  Task& operator=(const Task&) = delete;
+  ~Task() {
+    if (handle_) handle_.destroy();
+  }
+
+  // For co_await in another task.
+  [[nodiscard]] bool await_ready() const { return false; }
+  std::coroutine_handle<> await_suspend(std::coroutine_handle<> parent) {
+    handle_.promise().parent = parent;
+    return handle_;
+  }
+  T await_resume() { return take(); }
+
+  void begin() { handle_.resume(); }
+  [[nodiscard]] bool done() const { return handle_.done(); }
+  // Precondition: done, and not taken before.
+  T take() { return std::move(*handle_.promise().value); }
+
+ private:
+  explicit Task(std::coroutine_handle<promise_type> handle) : handle_(handle) {}
+  std::coroutine_handle<promise_type> handle_;
+};
+
+// A task under way, with an allowance of its own.
+template <typename T>
+class InSlices {
+ public:
+  // begin(allowance) gives the task.
+  template <typename Begin>
+  explicit InSlices(const Begin& begin) : task_(begin(&allowance_)) {}
+  InSlices(const InSlices&) = delete;
+  InSlices& operator=(const InSlices&) = delete;
+  ~InSlices() = default;
+
+  // One slice; true when the task is done.
+  bool advance(double units) {
+    allowance_.grant(units);
+    if (!begun_) {
+      begun_ = true;
+      task_.begin();
+    } else {
+      allowance_.resume();
+    }
+    return task_.done();
+  }
+  // Of the last slice; less than zero where it was overspent.
+  [[nodiscard]] double left() const { return allowance_.left(); }
+  // Precondition: done, and not taken before.
+  T take() { return task_.take(); }
+
+ private:
+  Allowance allowance_;
+  Task<T> task_;
+  bool begun_ = false;
+};
+
+// begin(allowance) gives the task.
+template <typename Begin>
+auto inOneGo(const Begin& begin) {
+  Allowance allowance = Allowance::unlimited();
+  auto task = begin(&allowance);
+  task.begin();
+  return task.take();
+}
+
+}  // namespace waymark
