@@ -104,6 +104,7 @@ std::vector<Setting> slamSettingKeys(SlamSettings& target) {
                      8),
       flagSetting("slam.follower.enabled", o.follower.enabled),
       numberSetting("slam.follower.turns.round_s", o.follower.turns.round_s, 0.01, 10.0, "s"),
+      numberSetting("slam.work_per_frame", o.work_per_frame, 10.0, 1e6, ""),
       numberSetting("slam.initialisation.ambiguity_ratio", o.initialisation.ambiguity_ratio, 1.0,
                     1000.0, ""),
       numberSetting("slam.tracking.marker_chi2", o.tracking.pose.marker_chi2, 1.0, 1e6, ""),

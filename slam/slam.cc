@@ -2,7 +2,9 @@
 
 #include <algorithm>
 #include <utility>
+#include <variant>
 
+#include "base/task.h"
 #include "slam/loop_closure/loop_closer.h"
 #include "slam/loop_closure/loop_detector.h"
 #include "slam/loop_closure/loop_evidence.h"
@@ -26,6 +28,26 @@ class StageScope {
  private:
   StageObserver* observer_;
   Stage stage_;
+};
+
+enum class LoopCause {
+  kOtherPlace,  // markers that the neighbourhood does not know
+  kMisfits,     // markers of it that have long disagreed
+};
+
+// A loop that is being closed.
+struct LoopInWork {
+  struct Facts {
+    LoopCause cause = LoopCause::kOtherPlace;
+    int only_marker = -1;     // that closes it; -1 for several
+    bool ends_agree = false;  // as well as the map agrees with itself
+  };
+  template <typename Begin>
+  LoopInWork(const Facts& known, const Begin& begin) : facts(known), task(begin) {}
+
+  Facts facts;
+  InSlices<LoopOutcome> task;
+  bool done = false;
 };
 
 }  // namespace
@@ -66,6 +88,10 @@ class Slam::Impl {
     ++counters_.frames;
     FrameResult result;
     result.detections = detections;
+    {
+      const StageScope scope(observer, Stage::kMap);
+      collectWork(&result);
+    }
     std::vector<MarkerDetection> usable = watch_.screen(detections, camera_, map_, &counters_);
     if (map_.empty()) {
       const StageScope scope(observer, Stage::kMap);
@@ -78,30 +104,41 @@ class Slam::Impl {
       }
       if (result.pose && options_.mapping) {
         const StageScope scope(observer, Stage::kMap);
-        closeLoop(&sight, &result);
+        closeLoop(&sight);
         updateMap(&sight, &result);
-        // The frame is the map's newest keyframe.
-        if (result.keyframe_added && readout_.learn(camera_, options_.loops.optimisation, &map_)) {
-          moveTo(map_.keyframes().rbegin()->second.T_w_c, &result);
-          result.map_changed = true;
-        }
+      }
+      if (options_.mapping) {
+        const StageScope scope(observer, Stage::kMap);
+        work(options_.work_per_frame);
       }
     }
     if (result.pose) ++counters_.localized;
     return result;
   }
 
+  void finish() {
+    constexpr double kAllThereIs = 1e12;  // units
+    while (options_.mapping && !idle()) {
+      work(kAllThereIs);
+      FrameResult nobodys;
+      collectWork(&nobodys);
+    }
+  }
+
   void addViews(std::span<const PastFrame> frames) {
+    finish();
     if (options_.mapping) locator_.addViews(frames, last_old_keyframe_, &map_);
   }
 
   void optimiseMapGlobally() {
+    finish();
     if (options_.mapping && !map_.keyframes().empty()) {
       (void)slam::optimiseGlobally(&map_, options_.markers, options_.global_optimisation);
     }
   }
 
   void optimiseMapAndLens() {
+    finish();
     if (!options_.mapping || map_.keyframes().empty()) return;
     (void)slam::optimiseGloballyWithIntrinsics(&map_, options_.markers, given_intrinsics_,
                                                options_.intrinsics, readout_.seconds(),
@@ -136,6 +173,37 @@ class Slam::Impl {
     expected_ids_.erase(repeated.begin(), repeated.end());
     slam::expectMarkers(map_, expected_ids_, *before, *now, &expected_);
   }
+
+  // What was under way and is done goes into the map before the next frame is tracked in it.
+  void collectWork(FrameResult* result) {
+    if (const auto T_now_was = mapper_.collect(&map_, &counters_)) moved(*T_now_was, result);
+    if (const auto T_now_was = readout_.collect(camera_, options_.loops.optimisation, &map_)) {
+      moved(*T_now_was, result);
+    }
+    if (loop_ && loop_->done) endLoop(result);
+  }
+
+  // The map moved under the camera.
+  void moved(const Transform& T_now_was, FrameResult* result) {
+    if (const auto last = tracker_.lastPose()) tracker_.correct(T_now_was * *last);
+    result->map_changed = true;
+  }
+
+  // A slice of what is under way: at least half of it is for what is larger than the neighbourhood
+  // of a keyframe, where there is such a thing.
+  void work(double units) {
+    const bool local_only = !loop_ && readout_.idle(map_);
+    const double for_local = local_only ? units : 0.5 * units;
+    const double unspent = std::max(mapper_.work(for_local, map_), 0.0);
+    const double rest = units - for_local + unspent;
+    if (loop_) {
+      loop_->done = loop_->done || loop_->task.advance(rest);
+    } else {
+      readout_.work(rest, camera_, map_, options_.loops.optimisation);
+    }
+  }
+
+  [[nodiscard]] bool idle() const { return mapper_.idle() && readout_.idle(map_) && !loop_; }
 
   // What a frame shows, by what it is good for, and what has become of it so far.
   struct Sight {
@@ -205,14 +273,14 @@ class Slam::Impl {
     if (sight->known.eligible.empty()) {
       result->reason =
           sight->detections.empty() ? "no marker in view" : "no marker in view has a pose yet";
-      loop_detector_.forget();
+      lose();
       return;
     }
     const std::int64_t now_ns = sight->time.monotonic_ns;
     auto tracked = tracker_.track(sight->known.eligible, now_ns);
     if (!tracked && !sight->known.loop.empty()) {
       // Lost for what is near; but the map knows other markers in view.
-      loop_detector_.forget();
+      lose();
       split(sight);
       tracked = tracker_.track(sight->known.eligible, now_ns);
     }
@@ -221,7 +289,7 @@ class Slam::Impl {
       result->reason = sight->known.eligible.size() == 1
                            ? "the only known marker in view is ambiguous"
                            : "the markers in view do not fit the map";
-      loop_detector_.forget();
+      lose();
       return;
     }
     if (tracked->prediction_refused) ++counters_.rejected_poses;
@@ -233,6 +301,12 @@ class Slam::Impl {
     result->pose = tracker_.estimateOf(sight->solution, sight->known.eligible, sight->twist);
     result->state = TrackingState::kTracking;
     tracker_.commit(sight->solution.T_w_c, now_ns);
+  }
+
+  // What was near is not near any more, perhaps; and what comes now may be at a loop's other end.
+  void lose() {
+    loop_detector_.forget();
+    loop_.reset();
   }
 
   // With the velocity this frame has shown, instead of the predicted one.
@@ -271,8 +345,9 @@ class Slam::Impl {
 
   // Section 4.9: markers in view that the neighbourhood does not know close a loop. Where both ends
   // agree as well as corners can tell, there is nothing to correct, and the next keyframe joins
-  // them; also where they agree as well as the map agrees with itself, and a correction is refused.
-  void closeLoop(Sight* sight, FrameResult* result) {
+  // them; also where they agree as well as the map agrees with itself, and a correction was
+  // refused.
+  void closeLoop(Sight* sight) {
     const std::vector<KnownMarker>& loop = sight->known.loop;
     if (loop.empty() || !loop_detector_.reference()) return;
     const auto fittingWithin = [&](double noise) {
@@ -282,49 +357,59 @@ class Slam::Impl {
     const bool ends_agree = 2 * agreeing.size() > loop.size();
     if (2 * fittingWithin(1.0).size() > loop.size()) {
       joinLoop(agreeing, sight);
-      return;
-    }
-    if (!ends_agree && frames_to_next_attempt_ > 0) {
+    } else if (loop_) {
+      recordContradiction(*sight);
+    } else if (frames_to_next_attempt_ > 0) {
       --frames_to_next_attempt_;
-      recordContradiction(*sight);
+      if (ends_agree) joinLoop(agreeing, sight);
+      if (!ends_agree) recordContradiction(*sight);
+    } else if (!beginLoop(loop, *sight, LoopCause::kOtherPlace, ends_agree) && ends_agree) {
+      joinLoop(agreeing, sight);
+    }
+  }
+
+  // False when the markers do not say where the frame is.
+  bool beginLoop(std::span<const KnownMarker> markers, const Sight& sight, LoopCause cause,
+                 bool ends_agree) {
+    LoopFrame candidate =
+        loopEvidence(frameOf(sight, sight.solution.T_w_c), *loop_detector_.reference(), markers,
+                     tracker_.optimiser(), camera_.focalLength(), options_.tracking.relocalisation);
+    if (candidate.expected.empty()) return false;
+    const int only_marker = markers.size() == 1 ? markers[0].detection->id : -1;
+    const LoopInWork::Facts facts{cause, only_marker, ends_agree};
+    loop_.emplace(facts, [&](Allowance* allowance) {
+      return slam::closeLoop(map_, std::move(candidate), options_.markers, options_.loops,
+                             allowance);
+    });
+    return true;
+  }
+
+  void endLoop(FrameResult* result) {
+    const LoopOutcome outcome = loop_->task.take();
+    const LoopInWork::Facts facts = loop_->facts;
+    loop_.reset();
+    if (const auto* closed = std::get_if<ClosedLoop>(&outcome)) {
+      if (!adopt(*closed, &map_)) return;  // the coordinates are others by now
+      ++counters_.loop_closures;
+      ++counters_.keyframes_added;
+      moved(closed->closing.T_w_c * closed->T_closing_was.inverse(), result);
+      result->keyframe_added = true;
+      watch_.forget();
+      loop_detector_.forget();
+      contradicting_marker_ = -1;
       return;
     }
-    const std::optional<LoopRefusal> refusal = closeLoopTo(loop, sight, result);
-    if (!refusal) {
-      contradicting_marker_ = -1;
-    } else if (ends_agree) {
-      joinLoop(agreeing, sight);
-    } else if (*refusal != LoopRefusal::kNoEvidence) {
-      constexpr int kFramesBetweenAttempts = 10;
-      frames_to_next_attempt_ = kFramesBetweenAttempts;
-      ++counters_.loops_refused;
-      const bool contradicted = *refusal == LoopRefusal::kContradicted;
-      contradicting_marker_ = contradicted && loop.size() == 1 ? loop[0].detection->id : -1;
-      recordContradiction(*sight);
+    const LoopRefusal refusal = std::get<LoopRefusal>(outcome);
+    if (facts.cause == LoopCause::kMisfits) {
+      misfits_refused_ = true;
+      return;
     }
-  }
-
-  // Empty when the loop was closed.
-  std::optional<LoopRefusal> closeLoopTo(std::span<const KnownMarker> markers, Sight* sight,
-                                         FrameResult* result) {
-    const LoopFrame candidate =
-        loopEvidence(frameOf(*sight, sight->solution.T_w_c), *loop_detector_.reference(), markers,
-                     tracker_.optimiser(), camera_.focalLength(), options_.tracking.relocalisation);
-    auto outcome = slam::closeLoop(map_, candidate, options_.markers, options_.loops);
-    if (const auto* refusal = std::get_if<LoopRefusal>(&outcome)) return *refusal;
-    adopt(std::move(std::get<ClosedLoop>(outcome)), sight, result);
-    return std::nullopt;
-  }
-
-  void adopt(ClosedLoop closed, Sight* sight, FrameResult* result) {
-    map_ = std::move(closed.map);
-    ++counters_.loop_closures;
-    ++counters_.keyframes_added;
-    moveTo(map_.keyframes().at(closed.keyframe).T_w_c, result);
-    sight->fitting.clear();  // the frame is in the map already
-    watch_.forget();
-    loop_detector_.forget();
-    result->map_changed = result->keyframe_added = true;
+    constexpr int kFramesBetweenAttempts = 10;
+    frames_to_next_attempt_ = kFramesBetweenAttempts;
+    if (facts.ends_agree) return;
+    ++counters_.loops_refused;
+    const bool contradicted = refusal == LoopRefusal::kContradicted;
+    contradicting_marker_ = contradicted ? facts.only_marker : -1;
   }
 
   // Whether a pose explains the marker; noise: of the residuals, in units of the corners' own.
@@ -366,22 +451,26 @@ class Slam::Impl {
   }
 
   // Markers that have disagreed for long moved, or the map around them did: a loop that went
-  // unnoticed, because the markers at its end were known here already. That is tried first.
-  bool closeLoopToMisfits(Sight* sight, FrameResult* result) {
-    if (!loop_detector_.reference()) return false;
-    std::vector<KnownMarker> misfits;
-    for (std::size_t i = 0; i < sight->known.eligible.size(); ++i) {
-      if (!sight->solution.inlier[i]) misfits.push_back(sight->known.eligible[i]);
+  // unnoticed, because the markers at its end were known here already. That is tried first. True
+  // when they moved.
+  bool haveMoved(const Sight& sight) {
+    if (!watch_.suspectsMoved(map_)) {
+      misfits_refused_ = false;
+      return false;
     }
-    return !misfits.empty() && !closeLoopTo(misfits, sight, result);
+    if (loop_) return false;  // its end will tell
+    if (std::exchange(misfits_refused_, false) || !loop_detector_.reference()) return true;
+    std::vector<KnownMarker> misfits;
+    for (std::size_t i = 0; i < sight.known.eligible.size(); ++i) {
+      if (!sight.solution.inlier[i]) misfits.push_back(sight.known.eligible[i]);
+    }
+    return misfits.empty() || !beginLoop(misfits, sight, LoopCause::kMisfits, false);
   }
 
   // Sections 4.2 and 4.4 to 4.7, and what the watch has noticed.
   void updateMap(Sight* sight, FrameResult* result) {
     bool changed = watch_.refuseDoubled(&map_, &counters_);
-    if (watch_.suspectsMoved(map_) && !closeLoopToMisfits(sight, result)) {
-      changed = watch_.quarantineMoved(&map_, &counters_) || changed;
-    }
+    if (haveMoved(*sight)) changed = watch_.quarantineMoved(&map_, &counters_) || changed;
     if (changed) {
       std::erase_if(sight->fitting, [&](const MarkerDetection& d) {
         const MapMarker* marker = map_.find(d.id);
@@ -389,26 +478,16 @@ class Slam::Impl {
       });
       result->map_changed = true;
     }
-    if (!sight->fitting.empty()) {
-      const auto moved = mapper_.update(frameOf(*sight, result->pose->T_w_c), sight->closes_loop,
-                                        &map_, &counters_);
-      if (moved) {
-        moveTo(*moved, result);
-        result->map_changed = result->keyframe_added = true;
-        for (const MarkerDetection& detection : sight->fitting) {
-          watch_.checkReturned(detection.id, &map_, &counters_);
-        }
+    if (!sight->fitting.empty() && mapper_.update(frameOf(*sight, result->pose->T_w_c),
+                                                  sight->closes_loop, &map_, &counters_)) {
+      result->map_changed = result->keyframe_added = true;
+      for (const MarkerDetection& detection : sight->fitting) {
+        watch_.checkReturned(detection.id, &map_, &counters_);
       }
     }
     const Transform& T_w_c = result->pose->T_w_c;
     const double depth_m = medianDepth(sight->known.eligible, T_w_c).value_or(1.0);
     loop_detector_.follow(map_, sight->fitting, T_w_c, depth_m, options_.mapper.keyframes);
-  }
-
-  // The map moved under the camera. The subscriber gets the frame's pose in the map as it is now.
-  void moveTo(const Transform& T_w_c, FrameResult* result) {
-    result->pose->T_w_c = T_w_c;
-    tracker_.correct(T_w_c);
   }
 
   Options options_;
@@ -428,6 +507,8 @@ class Slam::Impl {
   std::vector<ExpectedMarker> expected_;
   KeyframeId last_old_keyframe_;  // of the map given at the start; -1 for none
   Counters counters_;
+  std::optional<LoopInWork> loop_;
+  bool misfits_refused_ = false;    // the last loop to misfits
   int frames_to_next_attempt_ = 0;  // to close a loop, after one was refused
   int contradicting_marker_ = -1;   // the only marker of that loop; -1 for none
 };
@@ -450,6 +531,7 @@ const Map& Slam::map() const { return impl_->map(); }
 const Counters& Slam::counters() const { return impl_->counters(); }
 const CameraModel& Slam::camera() const { return impl_->camera(); }
 void Slam::addViews(std::span<const PastFrame> frames) { impl_->addViews(frames); }
+void Slam::finish() { impl_->finish(); }
 void Slam::optimiseGlobally() { impl_->optimiseMapGlobally(); }
 void Slam::optimiseGloballyWithIntrinsics() { impl_->optimiseMapAndLens(); }
 

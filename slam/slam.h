@@ -74,6 +74,8 @@ class Slam {
   [[nodiscard]] const Counters& counters() const;
   [[nodiscard]] const CameraModel& camera() const;
 
+  // What is under way (Options::work_per_frame) is done to its end, and in the map.
+  void finish();
   // Makes keyframes of frames that were none while they came, and gives those that were the markers
   // that fit by now: the optimisation at the end of a recording need not be fast, and more views
   // make a better map than section 4.10's keyframes alone. Each frame is located against the map as

@@ -143,6 +143,7 @@ Status processAll(RunInput& input, slam::Slam& slam, StageTimer& timer, bool sho
 
 // Section 4.10, as far as wanted.
 void optimiseGlobally(const RunArguments& arguments, slam::Slam* slam, RunRecord* record) {
+  slam->finish();
   if (arguments.no_global) return;
   // More are hardly better: neighbouring frames see the same.
   constexpr std::size_t kViews = 240;

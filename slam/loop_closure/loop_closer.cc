@@ -1,41 +1,69 @@
 #include "slam/loop_closure/loop_closer.h"
 
 #include <algorithm>
-#include <map>
 #include <numeric>
 #include <utility>
 
 #include <Eigen/Eigenvalues>
 
-#include "slam/optimisation/map_optimiser.h"
+#include "slam/geometry/robust.h"
+#include "slam/optimisation/map_fit.h"
 
 namespace waymark::slam {
 namespace {
 
-// Two keyframes and how many markers they share.
+// What steps cost, in microseconds of a core of 3 GHz.
+constexpr double kViewPair = 0.02;
+constexpr double kConnection = 0.05;
+constexpr double kCorrectView = 1.0;
+
+std::size_t at(int index) { return static_cast<std::size_t>(index); }
+
+// Two cameras and how many markers they share.
 struct Connection {
   int a = 0;
   int b = 0;
   int shared = 0;
 };
 
-// Every pair of keyframes with a common marker, the strongest first.
-std::vector<Connection> connections(const Map& map, const std::map<KeyframeId, int>& index) {
-  std::map<std::pair<int, int>, int> shared;
-  for (const auto& [id, marker] : map.markers()) {
-    const auto views = map.viewsOf(id);
-    for (std::size_t i = 0; i < views.size(); ++i) {
-      for (std::size_t j = i + 1; j < views.size(); ++j) {
-        ++shared[{index.at(views[i]), index.at(views[j])}];
+std::vector<std::vector<int>> camerasByMarker(const BundleProblem& problem) {
+  std::vector<std::vector<int>> cameras(problem.markers.size());
+  for (const auto& observation : problem.observations) {
+    cameras[at(observation.marker)].push_back(observation.camera);
+  }
+  return cameras;
+}
+
+// Every pair of cameras with a common marker, the strongest first.
+Task<std::vector<Connection>> connections(const BundleProblem& problem, Allowance* allowance) {
+  const std::vector<std::vector<int>> by_marker = camerasByMarker(problem);
+  std::vector<std::vector<Connection>> by_strength;
+  std::vector<int> shared(problem.cameras.size(), 0);
+  std::vector<int> partners;
+  auto observation = problem.observations.begin();  // they come camera by camera
+  for (int a = 0; a < static_cast<int>(problem.cameras.size()); ++a) {
+    partners.clear();
+    std::size_t pairs = 0;
+    for (; observation != problem.observations.end() && observation->camera == a; ++observation) {
+      for (const int b : by_marker[at(observation->marker)]) {
+        if (b > a && shared[at(b)]++ == 0) partners.push_back(b);
+        ++pairs;
       }
     }
+    std::ranges::sort(partners);
+    for (const int b : partners) {
+      const int strength = std::exchange(shared[at(b)], 0);
+      if (at(strength) >= by_strength.size()) by_strength.resize(at(strength) + 1);
+      by_strength[at(strength)].push_back({a, b, strength});
+    }
+    co_await allowance->spend(kViewPair * static_cast<double>(pairs));
   }
   std::vector<Connection> list;
-  list.reserve(shared.size());
-  for (const auto& [pair, count] : shared) list.push_back({pair.first, pair.second, count});
-  std::stable_sort(list.begin(), list.end(),
-                   [](const Connection& x, const Connection& y) { return x.shared > y.shared; });
-  return list;
+  for (auto same = by_strength.rbegin(); same != by_strength.rend(); ++same) {
+    co_await allowance->spend(kViewPair * static_cast<double>(same->size()));
+    list.insert(list.end(), same->begin(), same->end());
+  }
+  co_return list;
 }
 
 // Kruskal's union-find.
@@ -66,107 +94,123 @@ class Forest {
   std::vector<int> parent_;
 };
 
-// f^c: the oldest keyframe in which a marker of L(t) is seen.
-KeyframeId closingKeyframe(const Map& map, const std::vector<int>& loop_markers) {
-  KeyframeId oldest = map.keyframes().rbegin()->first;
-  for (const int id : loop_markers) {
-    const auto views = map.viewsOf(id);
-    if (!views.empty()) oldest = std::min(oldest, views.front());
+// f^c: the oldest camera that sees a marker of L(t).
+int closingCamera(const MapPart& part, const std::vector<int>& loop_markers) {
+  int oldest = static_cast<int>(part.keyframes.size()) - 1;
+  for (const auto& observation : part.problem.observations) {
+    const int id = part.markers[at(observation.marker)].id;
+    if (std::ranges::find(loop_markers, id) == loop_markers.end()) continue;
+    oldest = std::min(oldest, observation.camera);
   }
   return oldest;
 }
 
-// Eq. 40: a marker moves as the keyframes that see it moved, on average.
-Transform correctedMarker(const Transform& T_w_m, std::span<const KeyframeId> views,
-                          const Map& before, const Map& after) {
+// f^omega, or the newest camera where that takes no part.
+int referenceCamera(const MapPart& part, KeyframeId reference) {
+  const auto found = std::ranges::lower_bound(part.keyframes, reference);
+  const auto index = static_cast<int>(found - part.keyframes.begin());
+  return std::min(index, static_cast<int>(part.keyframes.size()) - 1);
+}
+
+// Eq. 40: a marker moves as the cameras that see it moved, on average.
+Transform correctedMarker(const Transform& T_w_m, std::span<const int> cameras,
+                          const std::vector<BundleProblem::Pose>& before,
+                          const std::vector<Transform>& after) {
   std::vector<Eigen::Matrix3d> rotations;
   Eigen::Vector3d p = Eigen::Vector3d::Zero();
-  for (const KeyframeId id : views) {
-    const Transform moved =
-        after.keyframes().at(id).T_w_c * before.keyframes().at(id).T_w_c.inverse() * T_w_m;
+  for (const int c : cameras) {
+    const Transform moved = after[at(c)] * before[at(c)].T.inverse() * T_w_m;
     rotations.push_back(moved.R);
-    p += moved.p / static_cast<double>(views.size());
+    p += moved.p / static_cast<double>(cameras.size());
   }
   return {meanRotation(rotations), p};
 }
 
-// The map with its loop closed by the pose graph, before any optimisation of corners.
-Map correctedMap(const Map& map, const LoopFrame& loop, const Transform& expected,
-                 const LoopOptions& options) {
-  std::vector<KeyframeId> ids;
-  PoseGraph graph = covisibilityGraph(map, options.edges_per_keyframe, &ids);
-  const auto indexOf = [&](KeyframeId id) {
-    return static_cast<int>(std::lower_bound(ids.begin(), ids.end(), id) - ids.begin());
-  };
+// What takes the corrected poses back to where the world was: what fixes it stays where it is.
+Transform backToTheWorld(const BundleProblem& before, const BundleProblem& after) {
+  for (std::size_t m = 0; m < before.markers.size(); ++m) {
+    if (before.markers[m].fixed) return before.markers[m].T * after.markers[m].T.inverse();
+  }
+  return before.cameras[0].T * after.cameras[0].T.inverse();
+}
+
+// The problem with its loop closed by the pose graph, before any optimisation of corners. The
+// closing frame is its last camera.
+Task<BundleProblem> correctedProblem(const MapPart& part, const LoopFrame& loop,
+                                     const Transform& expected, const LoopOptions& options,
+                                     Allowance* allowance) {
+  PoseGraph graph = co_await covisibilityGraph(part.problem, options.edges_per_keyframe, allowance);
   const int t = static_cast<int>(graph.poses.size());
-  const int c = indexOf(closingKeyframe(map, loop.loop_markers));
-  const int omega = indexOf(loop.reference);
-  const Transform& T_w_ref = graph.poses[static_cast<std::size_t>(omega)];
-  const Transform& T_w_closing = graph.poses[static_cast<std::size_t>(c)];
-  graph.edges.push_back({omega, t, T_w_ref.inverse() * loop.frame.T_w_c});
-  graph.edges.push_back({c, t, T_w_closing.inverse() * expected});
+  const int c = closingCamera(part, loop.loop_markers);
+  const int omega = referenceCamera(part, loop.reference);
+  graph.edges.push_back({omega, t, graph.poses[at(omega)].inverse() * loop.frame.T_w_c});
+  graph.edges.push_back({c, t, graph.poses[at(c)].inverse() * expected});
   graph.poses.push_back(loop.frame.T_w_c);
   graph.fixed = c;
-  (void)inOneGo([&](Allowance* a) { return optimisePoseGraph(&graph, options.pose_graph, a); });
+  (void)co_await optimisePoseGraph(&graph, options.pose_graph, allowance);
 
-  Map corrected = map;
-  for (std::size_t i = 0; i < ids.size(); ++i) corrected.keyframePose(ids[i]) = graph.poses[i];
-  for (const auto& [id, marker] : map.markers()) {
-    const auto views = map.viewsOf(id);
-    if (views.empty() || !marker.T_w_m) continue;
-    corrected.marker(id).T_w_m = correctedMarker(*marker.T_w_m, views, map, corrected);
-    if (marker.other_T_w_m) {
-      corrected.marker(id).other_T_w_m =
-          correctedMarker(*marker.other_T_w_m, views, map, corrected);
-    }
+  BundleProblem corrected = part.problem;
+  for (std::size_t i = 0; i < corrected.cameras.size(); ++i) {
+    corrected.cameras[i].T = graph.poses[i];
   }
-  Keyframe closing = loop.frame;
-  closing.T_w_c = graph.poses.back();
-  (void)corrected.addKeyframe(std::move(closing));
-  // The graph held the closing keyframe; the world's origin is the first one.
-  const auto first = map.keyframes().begin();
-  corrected.moveWorld(first->second.T_w_c * corrected.keyframes().at(first->first).T_w_c.inverse());
-  return corrected;
+  const std::vector<std::vector<int>> by_marker = camerasByMarker(part.problem);
+  for (std::size_t m = 0; m < corrected.markers.size(); ++m) {
+    co_await allowance->spend(kCorrectView * static_cast<double>(by_marker[m].size()));
+    if (by_marker[m].empty()) continue;
+    Transform& T_w_m = corrected.markers[m].T;
+    T_w_m = correctedMarker(T_w_m, by_marker[m], part.problem.cameras, graph.poses);
+  }
+  corrected.cameras.push_back({graph.poses.back(), false});
+  for (const MarkerDetection& detection : loop.frame.detections) {
+    const int marker = part.markerIndex(detection.id);
+    if (marker >= 0) corrected.observations.push_back({t, marker, &detection});
+  }
+  // The graph held the closing camera.
+  const Transform T_v_w = backToTheWorld(part.problem, corrected);
+  for (auto& camera : corrected.cameras) camera.T = T_v_w * camera.T;
+  for (auto& marker : corrected.markers) marker.T = T_v_w * marker.T;
+  for (std::size_t i = 0; i < part.problem.cameras.size(); ++i) {
+    if (part.problem.cameras[i].fixed) corrected.cameras[i].T = part.problem.cameras[i].T;
+  }
+  for (std::size_t m = 0; m < part.problem.markers.size(); ++m) {
+    if (part.problem.markers[m].fixed) corrected.markers[m].T = part.problem.markers[m].T;
+  }
+  co_return corrected;
 }
 
 // The map before its correction, as the corrected ones are compared with it.
 struct Reference {
-  std::vector<KeyframeId> keyframes;
   double noise = 1.0;
   double huber = 0.0;  // in units of the corners' covariances
   double cost = 0.0;
 };
 
-Reference referenceOf(const Map& map, const BundleOptions& options) {
-  Reference reference;
-  for (const auto& [id, keyframe] : map.keyframes()) reference.keyframes.push_back(id);
-  const MapFit fit = fitOf(map);
-  reference.noise = fit.noise;
-  reference.huber = fit.noise * options.huber;
-  reference.cost = fit.cost(reference.huber);
-  return reference;
-}
-
 struct Candidate {
-  ClosedLoop closed;
+  MapCorrection correction;
+  Transform T_w_closing;
   double growth = 0.0;         // of the old views' cost, in units of the noise squared
   double closing_error = 0.0;  // of the closing frame, likewise
 };
 
-Candidate tryCandidate(const Map& map, const LoopFrame& loop, const Transform& expected,
-                       const Reference& before, const MarkerOptions& markers,
-                       const LoopOptions& options) {
-  Candidate candidate{{correctedMap(map, loop, expected, options), -1}, 0.0, 0.0};
-  Map& corrected = candidate.closed.map;
-  candidate.closed.keyframe = corrected.keyframes().rbegin()->first;
-  (void)optimiseGlobally(&corrected, markers, options.optimisation);
+Task<Candidate> tryCandidate(const MapPart& part, const LoopFrame& loop, const Transform& expected,
+                             const Reference& before, const LoopOptions& options,
+                             Allowance* allowance) {
+  BundleProblem corrected = co_await correctedProblem(part, loop, expected, options, allowance);
+  BundleAdjuster adjuster(std::move(corrected), options.optimisation);
+  (void)co_await adjuster.run(allowance);
+  const MapFit fit = co_await fitOf(adjuster.problem(), allowance);
 
+  Candidate candidate;
+  candidate.correction = correctionOf(part, adjuster);
+  candidate.T_w_closing = adjuster.problem().cameras.back().T;
   const double unit = before.noise * before.noise;
-  const KeyframeId closing[] = {candidate.closed.keyframe};
-  candidate.closing_error = fitOf(corrected, closing).meanCost(before.huber) / unit;
-  const double cost = fitOf(corrected, before.keyframes).cost(before.huber);
-  candidate.growth = (cost - before.cost) / unit;
-  return candidate;
+  const std::span<const double> squared(fit.squared);
+  const auto old_views = squared.first(4 * part.problem.observations.size());
+  const auto closing = squared.subspan(old_views.size());
+  candidate.growth = (costOf(old_views, before.huber) - before.cost) / unit;
+  candidate.closing_error = costOf(closing, before.huber) / unit /
+                            static_cast<double>(std::max(closing.size(), std::size_t{1}));
+  co_return candidate;
 }
 
 // Of the old views' cost, in units of the noise squared.
@@ -181,24 +225,37 @@ double allowedGrowth(const Reference& before, std::size_t loop_markers,
 }
 
 // The optimisation may have led the second candidate to the first one's map: no contradiction.
-bool isAnother(const ClosedLoop& a, const ClosedLoop& b) {
+bool isAnother(const Candidate& a, const Candidate& b) {
   constexpr double kOtherRotation = 0.05;  // radians, of the closing frame
-  return rotationDistance(a.map.keyframes().at(a.keyframe).T_w_c.R,
-                          b.map.keyframes().at(b.keyframe).T_w_c.R) > kOtherRotation;
+  return rotationDistance(a.T_w_closing.R, b.T_w_closing.R) > kOtherRotation;
+}
+
+std::optional<LoopRefusal> refusalOf(const Candidate& best, const std::optional<Candidate>& other,
+                                     double allowed, const LoopOptions& options) {
+  if (!(best.growth <= allowed) || !(best.closing_error <= options.worst_closing_error)) {
+    return LoopRefusal::kContradicted;
+  }
+  if (!other || !isAnother(*other, best)) return std::nullopt;
+  // Odds, not a quotient of small numbers: both growths above what noise alone makes of them.
+  const double floor = 8.0;
+  const bool much_worse = std::max(other->growth, 0.0) + floor >=
+                          options.ambiguity_ratio * (std::max(best.growth, 0.0) + floor);
+  return much_worse ? std::nullopt : std::optional(LoopRefusal::kAmbiguous);
 }
 
 }  // namespace
 
-std::variant<ClosedLoop, LoopRefusal> closeLoop(const Map& map, const LoopFrame& loop,
-                                                const MarkerOptions& markers,
-                                                const LoopOptions& options) {
-  if (loop.expected.empty()) return LoopRefusal::kNoEvidence;
-  const Reference before = referenceOf(map, options.optimisation);
-  const double allowed = allowedGrowth(before, loop.loop_markers.size(), options);
+Task<LoopOutcome> closeLoop(const Map& map, LoopFrame loop, const MarkerOptions& markers,
+                            LoopOptions options, Allowance* allowance) {
+  const MapPart part = co_await takePart(map, wholeMap(map), markers, allowance);
+  if (loop.expected.empty() || part.keyframes.empty()) co_return LoopRefusal::kNoEvidence;
+  const MapFit fit = co_await fitOf(part.problem, allowance);
+  const double huber = fit.noise * options.optimisation.huber;
+  const Reference before{fit.noise, huber, costOf(fit.squared, huber)};
   std::optional<Candidate> best;
   std::optional<Candidate> other;
   for (const Transform& expected : loop.expected) {
-    Candidate candidate = tryCandidate(map, loop, expected, before, markers, options);
+    Candidate candidate = co_await tryCandidate(part, loop, expected, before, options, allowance);
     if (best && candidate.growth >= best->growth) {
       other = std::move(candidate);
     } else {
@@ -206,35 +263,51 @@ std::variant<ClosedLoop, LoopRefusal> closeLoop(const Map& map, const LoopFrame&
       best = std::move(candidate);
     }
   }
-  if (!best || !(best->growth <= allowed) ||
-      !(best->closing_error <= options.worst_closing_error)) {
-    return LoopRefusal::kContradicted;
-  }
-  if (other && isAnother(other->closed, best->closed)) {
-    // Odds, not a quotient of small numbers: both growths above what noise alone makes of them.
-    const double floor = 8.0;
-    if (std::max(other->growth, 0.0) + floor <
-        options.ambiguity_ratio * (std::max(best->growth, 0.0) + floor)) {
-      return LoopRefusal::kAmbiguous;
-    }
-  }
-  return std::move(best->closed);
+  const double allowed = allowedGrowth(before, loop.loop_markers.size(), options);
+  if (const auto refusal = refusalOf(*best, other, allowed, options)) co_return *refusal;
+  ClosedLoop closed{std::move(best->correction), std::move(loop.frame), {}};
+  closed.T_closing_was = std::exchange(closed.closing.T_w_c, best->T_w_closing);
+  co_return closed;
 }
 
-PoseGraph covisibilityGraph(const Map& map, int edges_per_keyframe, std::vector<KeyframeId>* ids) {
-  PoseGraph graph;
-  std::map<KeyframeId, int> index;
-  ids->clear();
-  for (const auto& [id, keyframe] : map.keyframes()) {
-    index[id] = static_cast<int>(ids->size());
-    ids->push_back(id);
-    graph.poses.push_back(keyframe.T_w_c);
+std::optional<KeyframeId> adopt(const ClosedLoop& loop, Map* map) {
+  if (loop.correction.epoch != map->epoch()) return std::nullopt;
+  // What the correction does not know of moves with the closing frame; and so does a marker's
+  // second hypothesis with its first.
+  const Transform T_now_was = loop.closing.T_w_c * loop.T_closing_was.inverse();
+  for (const auto& [id, keyframe] : map->keyframes()) {
+    map->keyframePose(id) = T_now_was * keyframe.T_w_c;
   }
-  Forest forest(ids->size());
-  std::vector<int> degree(ids->size(), 0);
-  for (const Connection& connection : connections(map, index)) {
-    const auto a = static_cast<std::size_t>(connection.a);
-    const auto b = static_cast<std::size_t>(connection.b);
+  std::vector<std::pair<int, Transform>> firsts;
+  for (const auto& [id, known] : map->markers()) {
+    if (!known.T_w_m) continue;
+    MapMarker& marker = map->marker(id);
+    marker.T_w_m = T_now_was * *marker.T_w_m;
+    if (marker.other_T_w_m) firsts.emplace_back(id, *marker.T_w_m);
+  }
+  (void)apply(loop.correction, map);
+  for (const auto& [id, T_w_m] : firsts) {
+    MapMarker& marker = map->marker(id);
+    marker.other_T_w_m = *marker.T_w_m * T_w_m.inverse() * T_now_was * *marker.other_T_w_m;
+  }
+  map->beginEpoch();
+  Keyframe closing = loop.closing;
+  std::erase_if(closing.detections,
+                [&](const MarkerDetection& d) { return map->find(d.id) == nullptr; });
+  return map->addKeyframe(std::move(closing));
+}
+
+Task<PoseGraph> covisibilityGraph(const BundleProblem& problem, int edges_per_keyframe,
+                                  Allowance* allowance) {
+  PoseGraph graph;
+  for (const auto& camera : problem.cameras) graph.poses.push_back(camera.T);
+  Forest forest(graph.poses.size());
+  std::vector<int> degree(graph.poses.size(), 0);
+  const std::vector<Connection> strongest_first = co_await connections(problem, allowance);
+  for (const Connection& connection : strongest_first) {
+    co_await allowance->spend(kConnection);
+    const std::size_t a = at(connection.a);
+    const std::size_t b = at(connection.b);
     const bool in_tree = forest.join(connection.a, connection.b);
     if (!in_tree && degree[a] >= edges_per_keyframe && degree[b] >= edges_per_keyframe) continue;
     ++degree[a];
@@ -242,7 +315,7 @@ PoseGraph covisibilityGraph(const Map& map, int edges_per_keyframe, std::vector<
     graph.edges.push_back({connection.a, connection.b, graph.poses[a].inverse() * graph.poses[b],
                            static_cast<double>(connection.shared)});
   }
-  return graph;
+  co_return graph;
 }
 
 Eigen::Matrix3d meanRotation(std::span<const Eigen::Matrix3d> rotations) {

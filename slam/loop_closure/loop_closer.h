@@ -6,10 +6,11 @@
 #include <variant>
 #include <vector>
 
+#include "base/task.h"
 #include "slam/loop_closure/pose_graph.h"
 #include "slam/map/map.h"
 #include "slam/map/marker_options.h"
-#include "slam/optimisation/bundle_adjuster.h"
+#include "slam/optimisation/map_part.h"
 
 namespace waymark::slam {
 
@@ -46,8 +47,9 @@ struct LoopFrame {
 };
 
 struct ClosedLoop {
-  Map map;
-  KeyframeId keyframe = -1;  // the closing frame in it
+  MapCorrection correction;  // of the map as it was when the closing began
+  Keyframe closing;          // the closing frame, where it belongs
+  Transform T_closing_was;   // and where it was tracked
 };
 
 enum class LoopRefusal {
@@ -56,16 +58,22 @@ enum class LoopRefusal {
   kAmbiguous,     // both candidates fit about equally well
 };
 
-// Corrects a copy of the map: pose graph (Eq. 37-39), markers (Eq. 40), optimisation; then tests
-// it. The world stays where it is.
-[[nodiscard]] std::variant<ClosedLoop, LoopRefusal> closeLoop(const Map& map, const LoopFrame& loop,
-                                                              const MarkerOptions& markers,
-                                                              const LoopOptions& options);
+// Finds the correction of the map: pose graph (Eq. 37-39), markers (Eq. 40), optimisation; and
+// tests it. The world stays where it is. The map may go on growing meanwhile. What is given by
+// reference must outlive the task.
+using LoopOutcome = std::variant<ClosedLoop, LoopRefusal>;
+Task<LoopOutcome> closeLoop(const Map& map, LoopFrame loop, const MarkerOptions& markers,
+                            LoopOptions options, Allowance* allowance);
 
-// The spanning tree of section 4.9.2 (Kruskal, the strongest connections first) and each keyframe's
-// strongest edges, as measured by the map now. `ids` gets the keyframe of every pose of the graph.
-[[nodiscard]] PoseGraph covisibilityGraph(const Map& map, int edges_per_keyframe,
-                                          std::vector<KeyframeId>* ids);
+// Corrects the map, and adds the closing frame to it: its id is returned. What came since the
+// closing began moves with that frame. Empty, and nothing is done, when the map's coordinates are
+// others by now.
+[[nodiscard]] std::optional<KeyframeId> adopt(const ClosedLoop& loop, Map* map);
+
+// The spanning tree of section 4.9.2 (Kruskal, the strongest connections first) and each camera's
+// strongest edges, as the problem's poses have them.
+Task<PoseGraph> covisibilityGraph(const BundleProblem& problem, int edges_per_keyframe,
+                                  Allowance* allowance);
 
 // The rotation that minimises the sum of squared chordal distances. Precondition: not empty.
 [[nodiscard]] Eigen::Matrix3d meanRotation(std::span<const Eigen::Matrix3d> rotations);

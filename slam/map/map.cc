@@ -120,6 +120,7 @@ void Map::removeViews(int marker_id, std::span<const KeyframeId> keyframes) {
 }
 
 void Map::moveWorld(const Transform& T_v_w) {
+  beginEpoch();
   Matrix6d turn = Matrix6d::Zero();  // of (dp, dtheta)
   turn.topLeftCorner<3, 3>() = turn.bottomRightCorner<3, 3>() = T_v_w.R;
   for (auto& [id, marker] : markers_) {
@@ -132,6 +133,7 @@ void Map::moveWorld(const Transform& T_v_w) {
 }
 
 void Map::undistortAgain(const CameraModel& camera, double readout_s) {
+  beginEpoch();
   for (auto& [id, keyframe] : keyframes_) {
     std::vector<int> unseen;
     for (MarkerDetection& detection : keyframe.detections) {

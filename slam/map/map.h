@@ -93,6 +93,10 @@ class Map {
   void removeViews(int marker_id, std::span<const KeyframeId> keyframes);
   // Moves the whole map into another world: every T_w_x becomes T_v_w * T_w_x.
   void moveWorld(const Transform& T_v_w);
+  // Counts the changes of all coordinates, or of all corners, at once: what was computed from those
+  // of an earlier epoch is of no use any more.
+  [[nodiscard]] std::uint64_t epoch() const { return epoch_; }
+  void beginEpoch() { ++epoch_; }
   // The lens or its shutter turned out to be another one: the detections' normalised corners follow
   // from their pixels anew. One that the lens cannot have seen leaves its keyframe.
   void undistortAgain(const CameraModel& camera, double readout_s);
@@ -102,6 +106,7 @@ class Map {
   std::map<KeyframeId, Keyframe> keyframes_;
   std::map<int, std::vector<KeyframeId>> views_;  // by marker; ascending
   KeyframeId next_keyframe_ = 0;
+  std::uint64_t epoch_ = 0;
 };
 
 }  // namespace waymark::slam

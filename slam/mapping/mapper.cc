@@ -1,22 +1,12 @@
 #include "slam/mapping/mapper.h"
 
 #include <algorithm>
+#include <utility>
 #include <vector>
 
-#include "slam/optimisation/map_optimiser.h"
 #include "slam/tracking/known_marker.h"
 
 namespace waymark::slam {
-namespace {
-
-void pose(MapMarker* marker, const Transform& T_w_m, const std::optional<Transform>& other) {
-  marker->state = MarkerState::kMapped;
-  marker->T_w_m = T_w_m;
-  marker->other_T_w_m = other;
-}
-
-}  // namespace
-
 Transform Mapper::begin(const Start& start, Map* map, Counters* counters) {
   KeyframeId last = -1;
   for (const Keyframe& keyframe : start.keyframes) {
@@ -27,21 +17,20 @@ Transform Mapper::begin(const Start& start, Map* map, Counters* counters) {
     ++counters->keyframes_added;
   }
   for (const InitialMarker& marker : start.markers) {
-    pose(&map->marker(marker.id), marker.T_w_m, marker.other_T_w_m);
+    pose(marker.id, marker.T_w_m, marker.other_T_w_m, map);
   }
   fixWorld(map);
-  optimise(last, map, counters);
+  noise_ = optimiseLocally(map, last, markers_, options_.local_optimisation).noise;
   return map->keyframes().at(last).T_w_c;
 }
 
-std::optional<Transform> Mapper::update(const Keyframe& frame, bool force, Map* map,
-                                        Counters* counters) {
+bool Mapper::update(const Keyframe& frame, bool force, Map* map, Counters* counters) {
   const std::vector<InitialMarker> unambiguous = unambiguousNewMarkers(frame, *map);
   const double depth_m =
       medianDepth(knownMarkers(*map, frame.detections), frame.T_w_c).value_or(0.0);
   if (!force && keyframeReason(*map, frame.detections, frame.T_w_c, depth_m, !unambiguous.empty(),
                                options_.keyframes) == KeyframeReason::kNone) {
-    return std::nullopt;
+    return false;
   }
   for (const MarkerDetection& detection : frame.detections) {
     map->addMarker(detection.id, markers_.sizeOf(detection.id));
@@ -49,20 +38,55 @@ std::optional<Transform> Mapper::update(const Keyframe& frame, bool force, Map* 
   const KeyframeId newest = map->addKeyframe(frame);
   ++counters->keyframes_added;
   for (const InitialMarker& marker : unambiguous) {
-    pose(&map->marker(marker.id), marker.T_w_m, marker.other_T_w_m);  // Eq. 23
+    pose(marker.id, marker.T_w_m, marker.other_T_w_m, map);  // Eq. 23
   }
   for (const MarkerDetection& detection : frame.detections) resolve(detection, map, counters);
   fixWorld(map);
-  optimise(newest, map, counters);
   (void)cullKeyframes(map, newest, options_.keyframes);
-  return map->keyframes().at(newest).T_w_c;
+  wanted_ = newest;
+  return true;
 }
 
 // Section 4.7.
-void Mapper::optimise(KeyframeId newest, Map* map, Counters* counters) {
-  const BundleSummary summary = optimiseLocally(map, newest, markers_, options_.local_optimisation);
-  noise_ = summary.noise;
-  counters->gated_views += static_cast<std::uint64_t>(summary.gated_views);
+double Mapper::work(double units, const Map& map) {
+  if (!local_ && wanted_) {
+    local_keyframe_ = *std::exchange(wanted_, std::nullopt);
+    if (!map.keyframes().contains(local_keyframe_)) return units;
+    local_.emplace([&](Allowance* allowance) {
+      return optimisePart(map, localMap(map, local_keyframe_), markers_,
+                          options_.local_optimisation, allowance);
+    });
+  }
+  if (!local_ || local_done_) return units;
+  local_done_ = local_->advance(units);
+  return local_->left();
+}
+
+std::optional<Transform> Mapper::collect(Map* map, Counters* counters) {
+  if (!local_done_) return std::nullopt;
+  const MapCorrection correction = local_->take();
+  local_.reset();
+  local_done_ = false;
+  const auto keyframe = map->keyframes().find(local_keyframe_);
+  const bool is_there = keyframe != map->keyframes().end();
+  const Transform T_was = is_there ? keyframe->second.T_w_c : Transform{};
+  if (!apply(correction, map)) {
+    if (is_there && !wanted_) wanted_ = local_keyframe_;  // once more, in the new coordinates
+    return std::nullopt;
+  }
+  noise_ = correction.summary.noise;
+  counters->gated_views += static_cast<std::uint64_t>(correction.summary.gated_views);
+  return is_there ? keyframe->second.T_w_c * T_was.inverse() : Transform{};
+}
+
+// A new pose is as sure as the views that it comes from.
+void Mapper::pose(int marker_id, const Transform& T_w_m, const std::optional<Transform>& other,
+                  Map* map) const {
+  MapMarker& marker = map->marker(marker_id);
+  marker.state = MarkerState::kMapped;
+  marker.T_w_m = T_w_m;
+  marker.other_T_w_m = other;
+  marker.covariance = markerCovariance(*map, marker_id, noise_);
 }
 
 // Rules 1 and 2a: markers without a pose that this frame alone decides. One in quarantine has to
@@ -106,7 +130,7 @@ void Mapper::resolve(const MarkerDetection& detection, Map* map, Counters* count
       const bool enough =
           static_cast<int>(map->viewsOf(marker.id).size()) >= options_.marker_pose.min_views;
       const auto other = enough || flipped ? found.other_T_w_m : marker.other_T_w_m;
-      pose(&marker, second_look && !flipped ? *marker.T_w_m : found.T_w_m, other);
+      pose(marker.id, second_look && !flipped ? *marker.T_w_m : found.T_w_m, other, map);
       return;
     }
   }

@@ -5,13 +5,14 @@
 #include <optional>
 #include <span>
 
+#include "base/task.h"
 #include "slam/counters.h"
 #include "slam/initialisation/initialiser.h"
 #include "slam/keyframes/keyframe_policy.h"
 #include "slam/map/map.h"
 #include "slam/map/marker_options.h"
 #include "slam/marker_pose/marker_resolver.h"
-#include "slam/optimisation/bundle_adjuster.h"
+#include "slam/optimisation/map_optimiser.h"
 
 namespace waymark::slam {
 
@@ -30,9 +31,16 @@ class Mapper {
   Transform begin(const Start& start, Map* map, Counters* counters);
 
   // Makes the frame a keyframe if the rules of section 4.4 (or `force`) say so. Its detections are
-  // those that fit its pose, and those the map does not know. Empty when it is none; else its pose
-  // after local optimisation.
-  std::optional<Transform> update(const Keyframe& frame, bool force, Map* map, Counters* counters);
+  // those that fit its pose, and those the map does not know. False when it is none; else a local
+  // optimisation around it is wanted, and work() does it.
+  bool update(const Keyframe& frame, bool force, Map* map, Counters* counters);
+  // A slice of the local optimisation, and the next one when one is done. The units left.
+  double work(double units, const Map& map);
+  // Puts a local optimisation that is done into the map. What that did to the keyframe it was for:
+  // T_now_was; empty when none is done.
+  std::optional<Transform> collect(Map* map, Counters* counters);
+  // Nothing is wanted, and nothing waits to be collected.
+  [[nodiscard]] bool idle() const { return !local_ && !wanted_; }
 
   // Standard deviation of the map's whitened residuals as of late, at least 1.
   [[nodiscard]] double noise() const { return noise_; }
@@ -40,7 +48,8 @@ class Mapper {
  private:
   [[nodiscard]] std::vector<InitialMarker> unambiguousNewMarkers(const Keyframe& frame,
                                                                  const Map& map) const;
-  void optimise(KeyframeId newest, Map* map, Counters* counters);
+  void pose(int marker_id, const Transform& T_w_m, const std::optional<Transform>& other,
+            Map* map) const;
   void resolve(const MarkerDetection& detection, Map* map, Counters* counters) const;
   [[nodiscard]] MarkerResolution resolution(int marker_id, int min_views, const Map& map) const;
   void fixWorld(Map* map);
@@ -49,6 +58,11 @@ class Mapper {
   double focal_px_;
   MapperOptions options_;
   double noise_ = 1.0;
+  // The local optimisation under way, and the keyframe it is for; and the one that wants the next.
+  std::optional<InSlices<MapCorrection>> local_;
+  KeyframeId local_keyframe_ = -1;
+  bool local_done_ = false;
+  std::optional<KeyframeId> wanted_;
   bool world_fixed_ = false;  // by an origin marker or an anchor
 };
 

@@ -1,5 +1,6 @@
 #include "slam/mapping/mapper.h"
 
+#include <memory>
 #include <random>
 
 #include <gtest/gtest.h>
@@ -31,14 +32,24 @@ class MapperTest : public ::testing::Test {
   }
 
   // A map begun from view 0.
-  Mapper begun(Map* map) {
-    Mapper mapper(options_, camera_.focalLength(), MapperOptions{});
+  std::unique_ptr<Mapper> begun(Map* map) {
+    auto mapper = std::make_unique<Mapper>(options_, camera_.focalLength(), MapperOptions{});
     Start start{{frame(0)}, {}};
     start.markers = initialiseFromOneFrame(start.keyframes[0].detections, options_,
                                            camera_.focalLength(), 3.0, {});
     EXPECT_GE(start.markers.size(), 2U);
-    (void)mapper.begin(start, map, &counters_);
+    (void)mapper->begin(start, map, &counters_);
     return mapper;
+  }
+
+  // With the local optimisation done. The keyframe's pose then; empty when it is none.
+  std::optional<Transform> update(Mapper* mapper, const Keyframe& keyframe, bool force, Map* map) {
+    if (!mapper->update(keyframe, force, map, &counters_)) return std::nullopt;
+    while (!mapper->idle()) {
+      (void)mapper->work(1e9, *map);
+      (void)mapper->collect(map, &counters_);
+    }
+    return map->keyframes().rbegin()->second.T_w_c;
   }
 
   // As the marker watch does.
@@ -73,10 +84,10 @@ class MapperTest : public ::testing::Test {
 
 TEST_F(MapperTest, GrowsTheMapAndKeepsItTrue) {
   Map map;
-  Mapper mapper = begun(&map);
+  const auto mapper = begun(&map);
   for (int i = 1; i < 10; ++i) {
     const Keyframe keyframe = frame(i);
-    const auto moved = mapper.update(keyframe, false, &map, &counters_);
+    const auto moved = update(mapper.get(), keyframe, false, &map);
     if (!moved) continue;
     EXPECT_LT((moved->p - keyframe.T_w_c.p).norm(), 0.02);
     EXPECT_EQ(moved->p, map.keyframes().rbegin()->second.T_w_c.p);
@@ -85,30 +96,52 @@ TEST_F(MapperTest, GrowsTheMapAndKeepsItTrue) {
   EXPECT_GE(map.keyframes().size(), 5U);
   EXPECT_EQ(counters_.keyframes_added, map.keyframes().size());
   expectTruth(map, view(0).inverse(), 0.02);
-  EXPECT_LT(mapper.noise(), 1.5) << "the corners' covariances say it all";
+  EXPECT_LT(mapper->noise(), 1.5) << "the corners' covariances say it all";
+}
+
+// Keyframes come while the local optimisation of an earlier one is under way.
+TEST_F(MapperTest, OptimisesInSlicesWhileTheMapGrows) {
+  Map map;
+  const auto mapper = begun(&map);
+  int collected = 0;
+  for (int i = 1; i < 10; ++i) {
+    (void)mapper->update(frame(i), true, &map, &counters_);
+    for (int slice = 0; slice < 3; ++slice) {
+      (void)mapper->work(20.0, map);
+      if (mapper->collect(&map, &counters_)) ++collected;
+    }
+  }
+  EXPECT_GT(collected, 0);
+  EXPECT_LT(collected, 9) << "too little was given to optimise after each";
+  EXPECT_FALSE(mapper->idle());
+  while (!mapper->idle()) {
+    (void)mapper->work(20.0, map);
+    (void)mapper->collect(&map, &counters_);
+  }
+  expectTruth(map, view(0).inverse(), 0.02);
 }
 
 TEST_F(MapperTest, NothingNewIsNoKeyframeUnlessForced) {
   Map map;
-  Mapper mapper = begun(&map);
-  for (int i = 1; i < 10; ++i) (void)mapper.update(frame(i), false, &map, &counters_);
+  const auto mapper = begun(&map);
+  for (int i = 1; i < 10; ++i) (void)update(mapper.get(), frame(i), false, &map);
   const std::size_t before = map.keyframes().size();
   const Keyframe again = frame(4);
-  EXPECT_FALSE(mapper.update(again, false, &map, &counters_));
+  EXPECT_FALSE(update(mapper.get(), again, false, &map));
   EXPECT_EQ(map.keyframes().size(), before);
-  EXPECT_TRUE(mapper.update(again, true, &map, &counters_));
+  EXPECT_TRUE(update(mapper.get(), again, true, &map));
 }
 
 TEST_F(MapperTest, TheOriginMarkerIsTheWorld) {
   options_.origin_marker = 1;
   Map map;
-  Mapper mapper = begun(&map);
+  const auto mapper = begun(&map);
   ASSERT_TRUE(map.findPosed(1)) << "the first view has it";
   const Transform T_o_w = truth(1).inverse();
   for (int i = 0; i < 6; ++i) {
     EXPECT_EQ(map.find(1)->T_w_m->p, Eigen::Vector3d::Zero());
     EXPECT_EQ(map.find(1)->T_w_m->R, Eigen::Matrix3d::Identity());
-    (void)mapper.update(frame(i, T_o_w), true, &map, &counters_);
+    (void)update(mapper.get(), frame(i, T_o_w), true, &map);
   }
   expectTruth(map, T_o_w, 0.02);
 }
@@ -119,13 +152,13 @@ TEST_F(MapperTest, TheOriginMarkerMayComeLater) {
   const testing::SyntheticMarker late = markers_[7];
   markers_.pop_back();
   Map map;
-  Mapper mapper = begun(&map);
-  (void)mapper.update(frame(2), true, &map, &counters_);
+  const auto mapper = begun(&map);
+  (void)update(mapper.get(), frame(2), true, &map);
   expectTruth(map, view(0).inverse(), 0.03);
   markers_.push_back(late);
   std::optional<Transform> moved;
   for (int i = 3; i < 10 && map.findPosed(7) == nullptr; ++i) {
-    moved = mapper.update(frame(i), true, &map, &counters_);
+    moved = update(mapper.get(), frame(i), true, &map);
     if (map.findPosed(7) == nullptr) continue;
     ASSERT_TRUE(moved);
     EXPECT_LT((moved->p - (truth(7).inverse() * view(i)).p).norm(), 0.05)
@@ -141,17 +174,17 @@ TEST_F(MapperTest, AnchorsFixTheWorld) {
   const Transform T_s_w = {expSo3({0.3, -0.2, 0.5}), {5.0, -2.0, 1.0}};
   for (const int id : {1, 2, 6}) options_.anchors.push_back({id, T_s_w * truth(id)});
   Map map;
-  Mapper mapper = begun(&map);
+  const auto mapper = begun(&map);
   ASSERT_TRUE(map.findPosed(1));
-  for (int i = 1; i < 8; ++i) (void)mapper.update(frame(i, T_s_w), true, &map, &counters_);
+  for (int i = 1; i < 8; ++i) (void)update(mapper.get(), frame(i, T_s_w), true, &map);
   expectTruth(map, T_s_w, 0.01);
 }
 
 // An early choice that more views overturn: the marker was posed by its other solution.
 TEST_F(MapperTest, AFlippedHypothesisIsMended) {
   Map map;
-  Mapper mapper = begun(&map);
-  (void)mapper.update(frame(1), true, &map, &counters_);
+  const auto mapper = begun(&map);
+  (void)update(mapper.get(), frame(1), true, &map);
   const Transform T_v_w = view(0).inverse();
   // The wrong solution of marker 5 as the first view has it.
   const MarkerDetection* seen = map.keyframes().at(0).find(5);
@@ -164,7 +197,7 @@ TEST_F(MapperTest, AFlippedHypothesisIsMended) {
   marker.other_T_w_m = square->T_c_m[0];
   const double flip = rotationDistance(square->T_c_m[1].R, (T_v_w * truth(5)).R);
   ASSERT_GT(flip, 0.2);
-  for (int i = 2; i < 10; ++i) (void)mapper.update(frame(i), true, &map, &counters_);
+  for (int i = 2; i < 10; ++i) (void)update(mapper.get(), frame(i), true, &map);
   ASSERT_TRUE(map.findPosed(5));
   EXPECT_LT(rotationDistance(map.find(5)->T_w_m->R, (T_v_w * truth(5)).R), 0.05);
   EXPECT_EQ(counters_.flipped_markers, 1U);
@@ -174,18 +207,18 @@ TEST_F(MapperTest, AFlippedHypothesisIsMended) {
 // It has been wrong before: one view, clear as it may be, does not convince.
 TEST_F(MapperTest, AQuarantinedMarkerNeedsSeveralViews) {
   Map map;
-  Mapper mapper = begun(&map);
+  const auto mapper = begun(&map);
   quarantine(5, &map);
   const int needed = MarkerResolverOptions{}.min_views;
   for (int i = 1; i < needed; ++i) {
     const Keyframe keyframe = frame(i);
     ASSERT_NE(keyframe.find(5), nullptr);
-    (void)mapper.update(keyframe, true, &map, &counters_);
+    (void)update(mapper.get(), keyframe, true, &map);
     EXPECT_FALSE(map.find(5)->T_w_m) << "view " << i;
     EXPECT_EQ(map.find(5)->state, MarkerState::kQuarantined);
   }
   for (int i = needed; i < needed + 3; ++i) {
-    (void)mapper.update(frame(i), true, &map, &counters_);
+    (void)update(mapper.get(), frame(i), true, &map);
   }
   ASSERT_TRUE(map.findPosed(5));
   EXPECT_EQ(map.find(5)->state, MarkerState::kMapped);
@@ -196,12 +229,12 @@ TEST_F(MapperTest, AQuarantinedMarkerNeedsSeveralViews) {
 // agree.
 TEST_F(MapperTest, ViewsFromBeforeAMoveAreLetGo) {
   Map map;
-  Mapper mapper = begun(&map);
+  const auto mapper = begun(&map);
   quarantine(5, &map);
-  for (int i = 1; i < 3; ++i) (void)mapper.update(frame(i), true, &map, &counters_);
+  for (int i = 1; i < 3; ++i) (void)update(mapper.get(), frame(i), true, &map);
   markers_[5].T_w_m.p += Eigen::Vector3d(0.12, 0.0, 0.1);
   for (int i = 3; i < 10; ++i) {
-    (void)mapper.update(frame(i), true, &map, &counters_);
+    (void)update(mapper.get(), frame(i), true, &map);
     if (const MapMarker* found = map.findPosed(5)) {
       EXPECT_LT((found->T_w_m->p - (view(0).inverse() * truth(5)).p).norm(), 0.03) << "view " << i;
     }
@@ -214,7 +247,7 @@ TEST_F(MapperTest, ViewsFromBeforeAMoveAreLetGo) {
 TEST_F(MapperTest, AnAmbiguousMarkerWaitsForSeveralViews) {
   markers_.push_back({8, testing::markerFacing({0.0, 5.5, 0.45}, {0.3, 0.0, 0.3})});
   Map map;
-  Mapper mapper = begun(&map);
+  const auto mapper = begun(&map);
   const auto ambiguous = [&](const Keyframe& keyframe) {
     const MarkerDetection* seen = keyframe.find(8);
     if (seen == nullptr) return false;
@@ -227,7 +260,7 @@ TEST_F(MapperTest, AnAmbiguousMarkerWaitsForSeveralViews) {
   for (int i = 1; i < 14 && map.findPosed(8) == nullptr; ++i) {
     const Keyframe keyframe = frame(i);
     ASSERT_TRUE(keyframe.find(8) == nullptr || ambiguous(keyframe));
-    (void)mapper.update(keyframe, true, &map, &counters_);
+    (void)update(mapper.get(), keyframe, true, &map);
   }
   ASSERT_TRUE(map.findPosed(8));
   EXPECT_GE(map.viewsOf(8).size(), 3U);

@@ -1,8 +1,17 @@
 #include "slam/mapping/readout.h"
 
-#include "slam/optimisation/map_optimiser.h"
+#include <utility>
 
 namespace waymark::slam {
+namespace {
+
+// While the shutter is not known well, the views that speak loudest of it fit worst.
+BundleOptions ungated(BundleOptions options) {
+  options.view_chi2 = 0.0;
+  return options;
+}
+
+}  // namespace
 
 void Readout::deskew(const CameraModel& camera, const Map& map, const Transform& T_w_c,
                      const Twist& twist, std::vector<MarkerDetection>* detections) const {
@@ -16,19 +25,52 @@ void Readout::deskew(const CameraModel& camera, const Map& map, const Transform&
   }
 }
 
-bool Readout::learn(const CameraModel& camera, const BundleOptions& optimisation, Map* map) {
-  const int keyframes = static_cast<int>(map->keyframes().size());
-  if (shutter_.readout_s || keyframes < next_keyframes_) return false;
-  next_keyframes_ = static_cast<int>(shutter_.growth * keyframes) + 1;
-  // While the shutter is not known well, the views that speak loudest of it fit worst.
-  BundleOptions ungated = optimisation;
-  ungated.view_chi2 = 0.0;
-  const auto found =
-      estimateReadout(*map, markers_, seconds_, camera, shutter_.most_keyframes, ungated);
+bool Readout::isDue(const Map& map) const {
+  return !shutter_.readout_s && static_cast<int>(map.keyframes().size()) >= next_keyframes_;
+}
+
+void Readout::work(double units, const CameraModel& camera, const Map& map,
+                   const BundleOptions& optimisation) {
+  if (!estimate_ && !whole_ && isDue(map)) {
+    next_keyframes_ =
+        static_cast<int>(shutter_.growth * static_cast<double>(map.keyframes().size())) + 1;
+    estimate_.emplace([&](Allowance* allowance) {
+      return estimateReadout(map, markers_, seconds_, camera, shutter_.most_keyframes,
+                             ungated(optimisation), allowance);
+    });
+  }
+  if (estimate_ && !done_) done_ = estimate_->advance(units);
+  if (whole_ && !done_) done_ = whole_->advance(units);
+}
+
+std::optional<Transform> Readout::collect(const CameraModel& camera,
+                                          const BundleOptions& optimisation, Map* map) {
+  if (!std::exchange(done_, false)) return std::nullopt;
+  if (estimate_) {
+    if (!adopt(camera, map)) return std::nullopt;
+    whole_.emplace([&](Allowance* allowance) {
+      return optimisePart(*map, wholeMap(*map), markers_, ungated(optimisation), allowance);
+    });
+    return Transform{};
+  }
+  const MapCorrection correction = whole_->take();
+  whole_.reset();
+  if (correction.keyframes.empty()) return std::nullopt;
+  const auto newest = map->keyframes().find(correction.keyframes.back().id);
+  const bool is_there = newest != map->keyframes().end();
+  const Transform T_was = is_there ? newest->second.T_w_c : Transform{};
+  if (!apply(correction, map)) return std::nullopt;
+  map->beginEpoch();
+  return is_there ? newest->second.T_w_c * T_was.inverse() : Transform{};
+}
+
+// Whether the estimate is believed.
+bool Readout::adopt(const CameraModel& camera, Map* map) {
+  const std::optional<ReadoutEstimate> found = estimate_->take();
+  estimate_.reset();
   if (!found || !believable(found->readout_s, found->sigma_s, seconds_, shutter_)) return false;
   seconds_ = found->readout_s;
   map->undistortAgain(camera, seconds_);
-  (void)optimiseGlobally(map, markers_, ungated);
   return true;
 }
 

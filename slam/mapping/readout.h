@@ -2,12 +2,14 @@
 // frame's corners (rolling_shutter.h). Beyond seed 1.
 #pragma once
 
+#include <optional>
 #include <vector>
 
+#include "base/task.h"
 #include "slam/geometry/camera_model.h"
 #include "slam/map/map.h"
 #include "slam/map/marker_options.h"
-#include "slam/optimisation/bundle_adjuster.h"
+#include "slam/optimisation/map_optimiser.h"
 #include "slam/rolling_shutter/rolling_shutter.h"
 
 namespace waymark::slam {
@@ -27,16 +29,30 @@ class Readout {
   void deskew(const CameraModel& camera, const Map& map, const Transform& T_w_c, const Twist& twist,
               std::vector<MarkerDetection>* detections) const;
 
-  // Estimates the readout time anew when the map has grown enough since the last time. True when
-  // another one is in use from here on: that moves the corners of every keyframe, and the map is
-  // optimised anew.
-  bool learn(const CameraModel& camera, const BundleOptions& optimisation, Map* map);
+  // A slice of what is under way: an estimate, begun when the map has grown enough since the last
+  // one; or, where that was believed, an optimisation of the whole map. What is given must outlive
+  // both.
+  void work(double units, const CameraModel& camera, const Map& map,
+            const BundleOptions& optimisation);
+  // Puts what is done into the map. A readout time that is believed is in use from here on, and
+  // moves the corners of every keyframe. What that did to the newest keyframe taken part:
+  // T_now_was; empty when nothing has changed.
+  std::optional<Transform> collect(const CameraModel& camera, const BundleOptions& optimisation,
+                                   Map* map);
+  // Nothing is under way or due.
+  [[nodiscard]] bool idle(const Map& map) const { return !estimate_ && !whole_ && !isDue(map); }
 
  private:
+  [[nodiscard]] bool isDue(const Map& map) const;
+  [[nodiscard]] bool adopt(const CameraModel& camera, Map* map);
+
   RollingShutterOptions shutter_;
   MarkerOptions markers_;
   double seconds_;
   int next_keyframes_;  // it is estimated again when the map has so many
+  std::optional<InSlices<std::optional<ReadoutEstimate>>> estimate_;
+  std::optional<InSlices<MapCorrection>> whole_;
+  bool done_ = false;  // the one of the two that is there
 };
 
 }  // namespace waymark::slam

@@ -2,12 +2,9 @@
 #pragma once
 
 #include <optional>
-#include <span>
-#include <vector>
 
-#include "slam/map/map.h"
-#include "slam/map/marker_options.h"
-#include "slam/optimisation/bundle_adjuster.h"
+#include "base/task.h"
+#include "slam/optimisation/map_part.h"
 
 namespace waymark::slam {
 
@@ -20,14 +17,15 @@ struct IntrinsicPriors {
   [[nodiscard]] IntrinsicVector sigmas() const;
 };
 
-// Section 4.7: optimises the keyframes that share a marker with the given one (Eq. 30) and the
-// markers they see (Eq. 31); other keyframes that see those markers take part, fixed (Eq. 32).
-// What fixes the world (`markers`: an origin marker, anchors, or else the first keyframe) does not
-// move. Precondition: the keyframe exists.
+// A part of the map; its keyframes and markers as they are now. The map and the options must
+// outlive the task.
+Task<MapCorrection> optimisePart(const Map& map, MapRoles roles, const MarkerOptions& markers,
+                                 BundleOptions options, Allowance* allowance);
+
+// Section 4.7, at once. Precondition: the keyframe exists.
 BundleSummary optimiseLocally(Map* map, KeyframeId keyframe, const MarkerOptions& markers,
                               const BundleOptions& options);
-
-// Section 4.10: all keyframes and all posed markers.
+// Section 4.10, at once: all keyframes and all posed markers.
 BundleSummary optimiseGlobally(Map* map, const MarkerOptions& markers,
                                const BundleOptions& options);
 // The same with the intrinsics as unknowns (Eq. 41), expected where the calibration has them. On
@@ -45,24 +43,15 @@ struct ReadoutEstimate {
   double sigma_s = 0.0;
 };
 // The map's corners are corrected with readout_s; the map stays as it is. keyframes: how many take
-// part at most. Empty when nothing in them depends on it (a camera that hardly moved).
-[[nodiscard]] std::optional<ReadoutEstimate> estimateReadout(
-    const Map& map, const MarkerOptions& markers, double readout_s, const CameraModel& camera,
-    int keyframes, const BundleOptions& options);
+// part at most. Empty when nothing in them depends on it (a camera that hardly moved). What is
+// given must outlive the task.
+Task<std::optional<ReadoutEstimate>> estimateReadout(const Map& map, const MarkerOptions& markers,
+                                                     double readout_s, const CameraModel& camera,
+                                                     int keyframes, BundleOptions options,
+                                                     Allowance* allowance);
 
-// How well the posed markers explain what keyframes saw.
-struct MapFit {
-  // Squared whitened errors of the corners; all infinite when one is behind its camera.
-  std::vector<double> squared;
-  double noise = 1.0;  // standard deviation of the whitened residuals, at least 1
-
-  // huber: the kernel's threshold, in units of the corners' covariances.
-  [[nodiscard]] double cost(double huber) const;
-  // Per corner; 0 without any.
-  [[nodiscard]] double meanCost(double huber) const;
-};
-[[nodiscard]] MapFit fitOf(const Map& map);
-// Of some keyframes only. Precondition: they exist.
-[[nodiscard]] MapFit fitOf(const Map& map, std::span<const KeyframeId> keyframes);
+// Of (dp, dtheta) of a marker's pose, given the keyframes that see it and the noise of their
+// whitened residuals. Zero for one that nobody sees. Precondition: it has a pose.
+[[nodiscard]] Matrix6d markerCovariance(const Map& map, int marker_id, double noise);
 
 }  // namespace waymark::slam

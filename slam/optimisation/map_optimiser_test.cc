@@ -6,6 +6,7 @@
 #include <gtest/gtest.h>
 
 #include "slam/testing/scene.h"
+#include "slam/testing/whole_map_fit.h"
 
 namespace waymark::slam {
 namespace {
@@ -137,13 +138,13 @@ TEST_F(MapOptimiserTest, WithIntrinsicsTheLensAndTheCornersFollow) {
   stale.fy += 4.0;
   CameraModel lens(stale);
   map.undistortAgain(lens, 0.0);
-  const double before = fitOf(map).cost(2.45);
+  const double before = costOf(testing::wholeMapFit(map).squared, 2.45);
   const BundleSummary summary = optimiseGloballyWithIntrinsics(
       &map, options_, lens.intrinsics(), IntrinsicPriors{}, 0.0, kToTheEnd, &lens);
   ASSERT_FALSE(summary.failed);
   EXPECT_LT(std::abs(lens.calibration().fx - camera_.calibration().fx), 1.0);
   EXPECT_LT(std::abs(lens.calibration().fy - camera_.calibration().fy), 1.0);
-  EXPECT_LT(fitOf(map).cost(2.45), 0.5 * before);
+  EXPECT_LT(costOf(testing::wholeMapFit(map).squared, 2.45), 0.5 * before);
   const MarkerDetection& detection = map.keyframes().at(3).detections.front();
   EXPECT_LT((lens.project({detection.normalised[0].x(), detection.normalised[0].y(), 1.0}).value() -
              detection.pixels[0])
@@ -154,16 +155,14 @@ TEST_F(MapOptimiserTest, WithIntrinsicsTheLensAndTheCornersFollow) {
 
 TEST_F(MapOptimiserTest, FitTellsCostNoiseAndCorners) {
   Map map = trueMap(0.0);
-  MapFit fit = fitOf(map);
-  EXPECT_LT(fit.cost(2.45), 1e-9);
+  const MapFit fit = testing::wholeMapFit(map);
+  EXPECT_LT(costOf(fit.squared, 2.45), 1e-9);
   EXPECT_EQ(fit.noise, 1.0) << "never less than the covariances say";
   std::size_t corners = 0;
   for (const auto& [id, keyframe] : map.keyframes()) {
     corners += 4 * keyframe.detections.size();
   }
   EXPECT_EQ(fit.squared.size(), corners);
-  const KeyframeId third[] = {2};
-  EXPECT_EQ(fitOf(map, third).squared.size(), 4 * map.keyframes().at(2).detections.size());
   // Noise four times what the covariances say.
   map = trueMap(0.2);
   const Map honest = map;
@@ -175,15 +174,83 @@ TEST_F(MapOptimiserTest, FitTellsCostNoiseAndCorners) {
     }
     (void)map.addKeyframe(noisy);
   }
-  EXPECT_NEAR(fitOf(map).noise, 4.0, 0.6);
+  EXPECT_NEAR(testing::wholeMapFit(map).noise, 4.0, 0.6);
   map.marker(3).T_w_m->p.y() = -9.0;
-  EXPECT_TRUE(std::isinf(fitOf(map).cost(2.45)));
+  EXPECT_TRUE(std::isinf(costOf(testing::wholeMapFit(map).squared, 2.45)));
+}
+
+// Cut into slices of any size, it is the same optimisation.
+TEST_F(MapOptimiserTest, SlicesChangeNothing) {
+  Map whole = trueMap(0.05);
+  disturb(&whole);
+  Map sliced = whole;
+  (void)optimiseGlobally(&whole, options_, kToTheEnd);
+  InSlices<MapCorrection> task(
+      [&](Allowance* a) { return optimisePart(sliced, wholeMap(sliced), options_, kToTheEnd, a); });
+  int slices = 1;
+  while (!task.advance(5.0)) ++slices;
+  EXPECT_GT(slices, 20);
+  ASSERT_TRUE(apply(task.take(), &sliced));
+  for (const auto& [id, marker] : whole.markers()) {
+    EXPECT_EQ(marker.T_w_m->p, sliced.find(id)->T_w_m->p);
+    EXPECT_EQ(marker.covariance, sliced.find(id)->covariance);
+  }
+}
+
+// While an optimisation is under way, the map goes on living.
+TEST_F(MapOptimiserTest, ACorrectionMeetsTheMapAsItIsByThen) {
+  Map map = trueMap(0.05);
+  disturb(&map);
+  InSlices<MapCorrection> task(
+      [&](Allowance* a) { return optimisePart(map, wholeMap(map), options_, kToTheEnd, a); });
+  ASSERT_FALSE(task.advance(5.0));
+  map.removeKeyframe(4);
+  map.removeKeyframe(11);
+  // Marker 3 was quarantined and hangs somewhere else; marker 5 has no pose any more.
+  const Transform elsewhere = testing::lookAt({9.0, 9.0, 9.0}, {0.0, 0.0, 0.0});
+  map.marker(3).former_poses.push_back(*map.find(3)->T_w_m);
+  map.marker(3).T_w_m = elsewhere;
+  map.marker(5).T_w_m.reset();
+  const Keyframe late = map.keyframes().at(map.addKeyframe({-1, 0, 0, elsewhere, {}}));
+  while (!task.advance(5.0)) {
+  }
+  ASSERT_TRUE(apply(task.take(), &map));
+  EXPECT_EQ(map.find(3)->T_w_m->p, elsewhere.p);
+  EXPECT_FALSE(map.find(5)->T_w_m);
+  EXPECT_EQ(map.keyframes().at(late.id).T_w_c.p, elsewhere.p);
+  EXPECT_FALSE(map.keyframes().contains(4));
+  EXPECT_LT((map.find(7)->T_w_m->p - markers_[7].T_w_m.p).norm(), 0.01)
+      << "the others are put right";
+}
+
+TEST_F(MapOptimiserTest, ACorrectionOfOtherCoordinatesIsOfNoUse) {
+  Map map = trueMap(0.05);
+  InSlices<MapCorrection> task(
+      [&](Allowance* a) { return optimisePart(map, wholeMap(map), options_, kToTheEnd, a); });
+  ASSERT_FALSE(task.advance(5.0));
+  map.moveWorld({expSo3({0.0, 0.0, 1.0}), {1.0, 2.0, 3.0}});
+  const Map moved = map;
+  while (!task.advance(5.0)) {
+  }
+  EXPECT_FALSE(apply(task.take(), &map));
+  EXPECT_EQ(map.find(7)->T_w_m->p, moved.find(7)->T_w_m->p);
+}
+
+// Given its views, as sure as the optimisation says.
+TEST_F(MapOptimiserTest, ANewMarkersCovarianceIsThatOfItsViews) {
+  Map map = trueMap(0.05);
+  const BundleSummary summary = optimiseGlobally(&map, options_, kToTheEnd);
+  const Matrix6d& together = map.find(3)->covariance;
+  const Matrix6d alone = markerCovariance(map, 3, summary.noise);
+  EXPECT_LT((alone - together).norm(), 0.1 * together.norm());
+  EXPECT_LT((markerCovariance(map, 3, 2.0 * summary.noise) - 4.0 * alone).norm(),
+            1e-9 * together.norm());
 }
 
 TEST_F(MapOptimiserTest, EmptyMapsDoNoHarm) {
   Map empty;
   EXPECT_EQ(optimiseGlobally(&empty, options_, kToTheEnd).final_cost, 0.0);
-  EXPECT_EQ(fitOf(empty).squared.size(), 0U);
+  EXPECT_EQ(testing::wholeMapFit(empty).squared.size(), 0U);
   Map unposed;
   unposed.addMarker(1, kSize);
   MarkerDetection detection;

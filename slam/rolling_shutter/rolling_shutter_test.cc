@@ -67,6 +67,12 @@ class RollingShutterTest : public ::testing::Test {
     return map;
   }
 
+  std::optional<ReadoutEstimate> estimate(const Map& map, double readout_s, int keyframes) {
+    return inOneGo([&](Allowance* a) {
+      return estimateReadout(map, options_, readout_s, camera_, keyframes, bundle_, a);
+    });
+  }
+
   std::mt19937 rng_{21};
   CameraModel camera_{testing::testCalibration()};
   std::vector<testing::SyntheticMarker> markers_ = testing::markerWall(3, 5, 0.5, &rng_);
@@ -117,7 +123,7 @@ TEST_F(RollingShutterTest, AMarkersSizeTellsItsDepth) {
 
 TEST_F(RollingShutterTest, TheReadoutTimeIsFoundWithTheMap) {
   Map map = mapSeenRolling(0.6, 0.1);
-  const auto found = estimateReadout(map, options_, 0.0, camera_, kAll, bundle_);
+  const auto found = estimate(map, 0.0, kAll);
   ASSERT_TRUE(found);
   EXPECT_NEAR(found->readout_s, kReadout_s, 4.0 * found->sigma_s);
   EXPECT_LT(found->sigma_s, 0.001);
@@ -125,7 +131,7 @@ TEST_F(RollingShutterTest, TheReadoutTimeIsFoundWithTheMap) {
   // Corrected with what was found, nothing is left to find.
   map.undistortAgain(camera_, found->readout_s);
   (void)optimiseGlobally(&map, options_, bundle_);
-  const auto again = estimateReadout(map, options_, found->readout_s, camera_, kAll, bundle_);
+  const auto again = estimate(map, found->readout_s, kAll);
   ASSERT_TRUE(again);
   EXPECT_NEAR(again->readout_s, found->readout_s, found->sigma_s);
   EXPECT_FALSE(believable(again->readout_s, again->sigma_s, found->readout_s, {}));
@@ -135,8 +141,8 @@ TEST_F(RollingShutterTest, TheReadoutTimeIsFoundWithTheMap) {
 TEST_F(RollingShutterTest, TheNewestKeyframesTellTheReadoutTime) {
   const Map map = mapSeenRolling(0.6, 0.1);
   const int most = static_cast<int>(map.keyframes().size()) / 2;
-  const auto of_all = estimateReadout(map, options_, 0.0, camera_, kAll, bundle_);
-  const auto of_some = estimateReadout(map, options_, 0.0, camera_, most, bundle_);
+  const auto of_all = estimate(map, 0.0, kAll);
+  const auto of_some = estimate(map, 0.0, most);
   ASSERT_TRUE(of_all && of_some);
   EXPECT_NEAR(of_some->readout_s, kReadout_s, 4.0 * of_some->sigma_s);
   EXPECT_GT(of_some->sigma_s, of_all->sigma_s);
@@ -144,7 +150,7 @@ TEST_F(RollingShutterTest, TheNewestKeyframesTellTheReadoutTime) {
 
 TEST_F(RollingShutterTest, ACameraAtRestDoesNotInventOne) {
   const Map map = mapSeenRolling(0.0, 0.1);
-  const auto found = estimateReadout(map, options_, 0.0, camera_, kAll, bundle_);
+  const auto found = estimate(map, 0.0, kAll);
   EXPECT_TRUE(!found || !believable(found->readout_s, found->sigma_s, 0.0, {}));
 }
 
