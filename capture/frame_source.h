@@ -16,6 +16,8 @@ struct StreamInfo {
   int height = 0;                 // pixels
   double rate_hz = 0.0;           // nominal; 0 when unknown
   std::int64_t frame_count = -1;  // -1 when unknown or endless
+  // Nobody says when the images were taken: one need not look like the one before.
+  bool photographs = false;
   bool live = false;              // frames come in real time, whether or not anybody reads
   std::string description;        // for people: "frames.avi, 640x480, 30 Hz"
 };

@@ -149,9 +149,10 @@ Result<std::unique_ptr<FrameSource>> openImageDirectory(const fs::path& path,
   info.width = first.cols;
   info.height = first.rows;
   info.frame_count = static_cast<std::int64_t>(files.size());
+  info.photographs = !recorded_times && !fps;
   char text[80];
   std::snprintf(text, sizeof text, ", %zu images, %dx%d, %.4g Hz%s", files.size(), info.width,
-                info.height, info.rate_hz, recorded_times || fps ? "" : " (assumed)");
+                info.height, info.rate_hz, info.photographs ? " (assumed)" : "");
   info.description = path.string() + text;
   return std::unique_ptr<FrameSource>(
       std::make_unique<ImageDirectorySource>(std::move(files), std::move(info)));

@@ -109,6 +109,7 @@ TEST(ImageDirectorySource, AssumedRateIsSaid) {
   const auto source = openImageDirectory(directory.path(), std::nullopt);
   ASSERT_TRUE(source.ok());
   EXPECT_NE((*source)->info().description.find("30 Hz (assumed)"), std::string::npos);
+  EXPECT_TRUE((*source)->info().photographs);
 }
 
 TEST(ImageDirectorySource, EmptyDirectoryIsAnError) {

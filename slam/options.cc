@@ -4,6 +4,12 @@
 
 namespace waymark::slam {
 
+void Options::takePhotographs() {
+  follower.enabled = false;
+  tracking.motion.max_age_s = 0.0;
+  work_per_frame = 1e12;
+}
+
 std::string Options::invalidReason() const {
   const auto positive = [](double v) { return std::isfinite(v) && v > 0.0; };
   if (std::string reason = markers.invalidReason(); !reason.empty()) return reason;

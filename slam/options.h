@@ -36,6 +36,10 @@ struct Options {
   BundleOptions global_optimisation{.max_iterations = 50, .min_relative_decrease = 1e-6};
   IntrinsicPriors intrinsics;
 
+  // For images that are no sequence: nothing is followed or predicted from one to the next, and no
+  // work is left for the next one.
+  void takePhotographs();
+
   // Empty when usable, else which option is wrong and why.
   [[nodiscard]] std::string invalidReason() const;
 };

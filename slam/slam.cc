@@ -127,7 +127,10 @@ class Slam::Impl {
 
   void addViews(std::span<const PastFrame> frames) {
     finish();
-    if (options_.mapping) locator_.addViews(frames, last_old_keyframe_, &map_);
+    if (options_.mapping) {
+      locator_.addViews(frames, last_old_keyframe_, &map_);
+      mapper_.resolveAll(&map_);
+    }
   }
 
   void optimiseMapGlobally() {

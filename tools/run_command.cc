@@ -122,6 +122,7 @@ Result<RunSetup> prepare(const RunArguments& arguments) {
                  std::move(detections).value(),
                  std::move(old_map).value()};
   setup.options.mapping = !arguments.localize_only;
+  if (setup.input->photographs()) setup.options.takePhotographs();
   if (setup.old_map) io::agreeOnReadout(&*setup.old_map, &setup.options);
   return setup;
 }
@@ -139,6 +140,20 @@ Status processAll(RunInput& input, slam::Slam& slam, StageTimer& timer, bool sho
              std::to_string(slam.map().markers().size()) + " markers";
     });
   }
+}
+
+// Photographs come in no order: one that could not be placed may find its place when more of the
+// map is known, and what it shows may place others.
+void tryAgain(const RunRecord& record, slam::Slam* slam) {
+  std::vector<slam::PastFrame> left = record.framesWithoutPose();
+  std::size_t before = 0;
+  do {
+    before = left.size();
+    std::erase_if(left, [&](const slam::PastFrame& frame) {
+      const slam::FrameTime time{frame.sequence, frame.monotonic_ns};
+      return slam->processDetections(frame.detections, time).pose.has_value();
+    });
+  } while (left.size() < before && !left.empty());
 }
 
 // Section 4.10, as far as wanted.
@@ -216,6 +231,7 @@ Result<ExitCode> run(const RunArguments& arguments) {
   const Status processed =
       processAll(*setup.input, slam, timer, /*show_progress=*/!arguments.quiet, &record);
   if (!processed) return processed.error();
+  if (setup.input->photographs()) tryAgain(record, &slam);
   if (setup.detections) {
     const Status written =
         writeDetections(arguments.save_detections, record, setup.camera, *setup.detections);

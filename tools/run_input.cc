@@ -38,6 +38,7 @@ class FrameInput final : public RunInput {
   [[nodiscard]] const std::string& description() const override {
     return source_->info().description;
   }
+  [[nodiscard]] bool photographs() const override { return source_->info().photographs; }
   [[nodiscard]] std::optional<std::int64_t> frameCount() const override {
     const std::int64_t count = source_->info().frame_count;
     return count >= 0 ? std::optional(count) : std::nullopt;

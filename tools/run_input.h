@@ -37,6 +37,8 @@ class RunInput {
 
   [[nodiscard]] virtual const std::string& description() const = 0;
   [[nodiscard]] virtual std::optional<std::int64_t> frameCount() const = 0;
+  // Images of unknown times: one need not look like the one before.
+  [[nodiscard]] virtual bool photographs() const { return false; }
   // Frames that were never processed because their time had passed.
   [[nodiscard]] virtual std::uint64_t droppedLate() const = 0;
 };

@@ -132,6 +132,15 @@ std::vector<slam::PastFrame> RunRecord::spreadFrames(std::size_t count,
   return frames;
 }
 
+std::vector<slam::PastFrame> RunRecord::framesWithoutPose() const {
+  std::vector<slam::PastFrame> frames;
+  for (std::size_t i = 0; i < frames_.size(); ++i) {
+    const FrameRecord& frame = frames_[i];
+    if (!frame.pose) frames.push_back({i, frame.time_ns, frame.detections, {}, slam::Vector6d::Zero()});
+  }
+  return frames;
+}
+
 std::string RunRecord::statistics(const slam::Slam& slam, const StageTimer& timer,
                                   std::uint64_t dropped_late) const {
   const slam::Counters& counters = slam.counters();

@@ -41,6 +41,8 @@ class RunRecord {
   // this record. Empty when no frame had a pose.
   [[nodiscard]] std::vector<slam::PastFrame> spreadFrames(std::size_t count,
                                                           std::size_t views_per_marker) const;
+  // Those that had no pose live, in their order; T_w_c says nothing. They point into this record.
+  [[nodiscard]] std::vector<slam::PastFrame> framesWithoutPose() const;
   // Every frame's detections, for replaying them.
   [[nodiscard]] std::vector<io::RecordedFrame> recordedFrames() const;
   // stats.json of the interface.

@@ -4,6 +4,7 @@
 #include <utility>
 #include <vector>
 
+#include "slam/optimisation/map_fit.h"
 #include "slam/tracking/known_marker.h"
 
 namespace waymark::slam {
@@ -40,7 +41,7 @@ bool Mapper::update(const Keyframe& frame, bool force, Map* map, Counters* count
   for (const InitialMarker& marker : unambiguous) {
     pose(marker.id, marker.T_w_m, marker.other_T_w_m, map);  // Eq. 23
   }
-  for (const MarkerDetection& detection : frame.detections) resolve(detection, map, counters);
+  for (const MarkerDetection& detection : frame.detections) resolve(detection.id, map, counters);
   fixWorld(map);
   (void)cullKeyframes(map, newest, options_.keyframes);
   wanted_ = newest;
@@ -106,9 +107,25 @@ std::vector<InitialMarker> Mapper::unambiguousNewMarkers(const Keyframe& frame,
   return markers;
 }
 
-// Section 4.5 for one marker of the newest keyframe.
-void Mapper::resolve(const MarkerDetection& detection, Map* map, Counters* counters) const {
-  MapMarker& marker = map->marker(detection.id);
+void Mapper::resolveAll(Map* map) {
+  const MapPart whole =
+      inOneGo([&](Allowance* a) { return takePart(*map, wholeMap(*map), markers_, a); });
+  noise_ = inOneGo([&](Allowance* a) { return fitOf(whole.problem, a); }).noise;
+  for (const auto& [id, known] : map->markers()) {
+    if (known.T_w_m || known.state == MarkerState::kRefused) continue;
+    // Views from before it moved, or of cameras that are in the wrong place, go one by one.
+    MarkerResolution found = resolution(id, options_.marker_pose.min_views, *map);
+    while (found.verdict == ResolverVerdict::kContradictory) {
+      map->removeViews(id, map->viewsOf(id).subspan(found.worst_view, 1));
+      found = resolution(id, options_.marker_pose.min_views, *map);
+    }
+    if (found.verdict == ResolverVerdict::kResolved) pose(id, found.T_w_m, found.other_T_w_m, map);
+  }
+}
+
+// Section 4.5 for one marker.
+void Mapper::resolve(int marker_id, Map* map, Counters* counters) const {
+  MapMarker& marker = map->marker(marker_id);
   if (marker.T_w_m && !marker.other_T_w_m) return;  // decided
   const bool second_look = marker.T_w_m.has_value();
   const MarkerResolution found =

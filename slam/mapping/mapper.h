@@ -34,6 +34,9 @@ class Mapper {
   // those that fit its pose, and those the map does not know. False when it is none; else a local
   // optimisation around it is wanted, and work() does it.
   bool update(const Keyframe& frame, bool force, Map* map, Counters* counters);
+  // Section 4.5 for all markers without a pose, as sure as the whole map is of itself: what could not
+  // be decided as the frames came may be with more views and better cameras.
+  void resolveAll(Map* map);
   // A slice of the local optimisation, and the next one when one is done. The units left.
   double work(double units, const Map& map);
   // Puts a local optimisation that is done into the map. What that did to the keyframe it was for:
@@ -50,7 +53,7 @@ class Mapper {
                                                                  const Map& map) const;
   void pose(int marker_id, const Transform& T_w_m, const std::optional<Transform>& other,
             Map* map) const;
-  void resolve(const MarkerDetection& detection, Map* map, Counters* counters) const;
+  void resolve(int marker_id, Map* map, Counters* counters) const;
   [[nodiscard]] MarkerResolution resolution(int marker_id, int min_views, const Map& map) const;
   void fixWorld(Map* map);
 

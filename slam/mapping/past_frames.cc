@@ -44,6 +44,11 @@ std::optional<Keyframe> PastFrameLocator::viewOf(const PastFrame& frame, const M
   for (std::size_t i = 0; i < located->known.size(); ++i) {
     if (located->solution.inlier[i]) view.detections.push_back(*located->known[i].detection);
   }
+  for (const MarkerDetection& detection : located->detections) {
+    const MapMarker* const marker = map.find(detection.id);
+    if (marker != nullptr && !marker->T_w_m) view.detections.push_back(detection);
+  }
+  sortById(&view.detections);
   return view;
 }
 

@@ -63,6 +63,20 @@ std::vector<Candidate> proposePoses(std::span<const MarkerView> views, double si
   return candidates;
 }
 
+std::size_t worstView(const Transform& T_w_m, std::span<const MarkerView> views, double size_m) {
+  std::size_t worst = 0;
+  double highest = 0.0;
+  for (std::size_t i = 0; i < views.size(); ++i) {
+    PoseNormal normal;
+    const bool seen = linearise(T_w_m, views.subspan(i, 1), size_m, &normal);
+    const double cost = seen ? normal.cost : std::numeric_limits<double>::infinity();
+    if (cost <= highest) continue;
+    highest = cost;
+    worst = i;
+  }
+  return worst;
+}
+
 double meanCornerVariance(std::span<const MarkerView> views) {
   double variance = 0.0;
   for (const MarkerView& view : views) variance += cornerVariance(*view.detection);
@@ -97,6 +111,7 @@ MarkerResolution resolveMarkerPose(std::span<const MarkerView> views, double siz
   const double n = static_cast<double>(views.size());
   if (!(best.cost <= options.worst_chi2_per_view * noise * noise * n)) {
     resolution.verdict = ResolverVerdict::kContradictory;
+    resolution.worst_view = worstView(best.T_w_m, views, size_m);
     return resolution;
   }
   const double floor = comparisonFloor(meanCornerVariance(views), focal_px,

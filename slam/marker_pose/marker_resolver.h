@@ -42,6 +42,7 @@ struct MarkerResolution {
   ResolverVerdict verdict = ResolverVerdict::kTooFewViews;
   Transform T_w_m;                       // the best pose; meaningful unless kTooFewViews
   std::optional<Transform> other_T_w_m;  // the best of another orientation, where one is left
+  std::size_t worst_view = 0;            // the one that the best pose explains least
   double ratio = 1.0;                    // how much better the best one explains the views
 };
 

@@ -128,10 +128,10 @@ Task<bool> BundleAdjuster::gateViews(Allowance* allowance) {
   std::vector<double> squared;
   const bool seen = co_await cornerErrors(problem_, whitened_, &squared, allowance);
   if (!seen) co_return true;
-  const std::vector<std::size_t> gross = grossViews(squared);
-  if (gross.empty()) co_return true;
-  summary_.gated_views = static_cast<int>(gross.size());
-  for (const std::size_t view : gross) whitened_[view].fill(Eigen::Matrix2d::Zero());  // no weight
+  gated_ = grossViews(squared);
+  if (gated_.empty()) co_return true;
+  summary_.gated_views = static_cast<int>(gated_.size());
+  for (const std::size_t view : gated_) whitened_[view].fill(Eigen::Matrix2d::Zero());  // no weight
   const bool rest = co_await linearise(problem_, whitened_, options_.huber, &equations_, allowance);
   if (rest) summary_.final_cost = equations_.cost;
   co_return rest;

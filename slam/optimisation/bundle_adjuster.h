@@ -57,6 +57,8 @@ class BundleAdjuster {
   // The best poses found; after run().
   [[nodiscard]] const BundleProblem& problem() const { return problem_; }
   [[nodiscard]] const BundleSummary& summary() const { return summary_; }
+  // The observations that were left out in the second half, ascending.
+  [[nodiscard]] const std::vector<std::size_t>& gatedViews() const { return gated_; }
   // Of a marker's (dp, dtheta), given the cameras: the inverse of its own block of the normal
   // equations, scaled by the noise. Zero for a marker nobody sees.
   [[nodiscard]] Matrix6d markerCovariance(int marker) const;
@@ -86,6 +88,7 @@ class BundleAdjuster {
   BundleSummary summary_;
   double lambda_ = 1e-5;
   bool gate_passed_ = false;
+  std::vector<std::size_t> gated_;
 };
 
 // All at once; improves the problem in place.

@@ -1,5 +1,6 @@
 #include "slam/optimisation/map_optimiser.h"
 
+#include <span>
 #include <utility>
 
 #include <Eigen/Cholesky>
@@ -32,13 +33,17 @@ void freeReadout(const Map& map, double readout_s, const CameraModel& camera, Ma
   problem.shutter = std::move(shutter);
 }
 
-BundleSummary optimiseAtOnce(Map* map, MapRoles roles, const MarkerOptions& markers,
+void removeViews(std::span<const MapCorrection::View> views, Map* map) {
+  for (const auto& [keyframe, marker] : views) map->removeViews(marker, {&keyframe, 1});
+}
+
+MapCorrection optimiseAtOnce(Map* map, MapRoles roles, const MarkerOptions& markers,
                              const BundleOptions& options) {
-  const MapCorrection correction = inOneGo([&](Allowance* allowance) {
+  MapCorrection correction = inOneGo([&](Allowance* allowance) {
     return optimisePart(*map, std::move(roles), markers, options, allowance);
   });
   (void)apply(correction, map);
-  return correction.summary;
+  return correction;
 }
 
 }  // namespace
@@ -60,12 +65,14 @@ Task<MapCorrection> optimisePart(const Map& map, MapRoles roles, const MarkerOpt
 
 BundleSummary optimiseLocally(Map* map, KeyframeId keyframe, const MarkerOptions& markers,
                               const BundleOptions& options) {
-  return optimiseAtOnce(map, localMap(*map, keyframe), markers, options);
+  return optimiseAtOnce(map, localMap(*map, keyframe), markers, options).summary;
 }
 
 BundleSummary optimiseGlobally(Map* map, const MarkerOptions& markers,
                                const BundleOptions& options) {
-  return optimiseAtOnce(map, wholeMap(*map), markers, options);
+  const MapCorrection correction = optimiseAtOnce(map, wholeMap(*map), markers, options);
+  removeViews(correction.gross, map);
+  return correction.summary;
 }
 
 BundleSummary optimiseGloballyWithIntrinsics(Map* map, const MarkerOptions& markers,
@@ -76,7 +83,9 @@ BundleSummary optimiseGloballyWithIntrinsics(Map* map, const MarkerOptions& mark
   part.problem.lens = {*camera, *camera, expected, priors.sigmas()};
   BundleAdjuster adjuster(std::move(part.problem), options);
   const BundleSummary summary = inOneGo([&](Allowance* a) { return adjuster.run(a); });
-  (void)apply(correctionOf(part, adjuster), map);
+  const MapCorrection correction = correctionOf(part, adjuster);
+  (void)apply(correction, map);
+  removeViews(correction.gross, map);
   if (summary.failed) return summary;
   *camera = adjuster.problem().lens->camera;
   map->undistortAgain(*camera, readout_s);

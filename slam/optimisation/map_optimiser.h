@@ -25,7 +25,8 @@ Task<MapCorrection> optimisePart(const Map& map, MapRoles roles, const MarkerOpt
 // Section 4.7, at once. Precondition: the keyframe exists.
 BundleSummary optimiseLocally(Map* map, KeyframeId keyframe, const MarkerOptions& markers,
                               const BundleOptions& options);
-// Section 4.10, at once: all keyframes and all posed markers.
+// Section 4.10, at once: all keyframes and all posed markers. Views that turn out to be gross leave
+// the map (BundleOptions::view_chi2).
 BundleSummary optimiseGlobally(Map* map, const MarkerOptions& markers,
                                const BundleOptions& options);
 // The same with the intrinsics as unknowns (Eq. 41), expected where the calibration has them. On

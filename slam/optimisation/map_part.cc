@@ -125,6 +125,12 @@ MapCorrection correctionOf(const MapPart& part, const BundleAdjuster& adjuster) 
     correction.markers.push_back({part.markers[m], adjuster.problem().markers[m].T,
                                   adjuster.markerCovariance(static_cast<int>(m))});
   }
+  for (const std::size_t view : adjuster.gatedViews()) {
+    const auto& observation = adjuster.problem().observations[view];
+    const auto camera = static_cast<std::size_t>(observation.camera);
+    if (camera >= part.keyframes.size()) continue;  // not of the map
+    correction.gross.push_back({part.keyframes[camera], observation.detection->id});
+  }
   return correction;
 }
 

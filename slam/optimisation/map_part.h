@@ -62,8 +62,13 @@ struct MapCorrection {
     Transform T_w_m;
     Matrix6d covariance = Matrix6d::Zero();
   };
+  struct View {
+    KeyframeId keyframe = -1;
+    int marker = -1;
+  };
   std::vector<KeyframePose> keyframes;
   std::vector<MarkerPose> markers;
+  std::vector<View> gross;  // what took no part in the end
   BundleSummary summary;
   std::uint64_t epoch = 0;
 };
