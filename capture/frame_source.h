@@ -18,8 +18,8 @@ struct StreamInfo {
   std::int64_t frame_count = -1;  // -1 when unknown or endless
   // Nobody says when the images were taken: one need not look like the one before.
   bool photographs = false;
-  bool live = false;              // frames come in real time, whether or not anybody reads
-  std::string description;        // for people: "frames.avi, 640x480, 30 Hz"
+  bool live = false;        // frames come in real time, whether or not anybody reads
+  std::string description;  // for people: "frames.avi, 640x480, 30 Hz"
 };
 
 // Nothing came within the time-out; the source is still good.

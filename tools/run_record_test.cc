@@ -50,6 +50,13 @@ TEST(RunRecord, AMarkerThatIsSeldomSeenCountsEveryView) {
   EXPECT_EQ(some, (std::set<int>{0, 250, 500, 601, 603, 750})) << "spread over its frames, too";
 }
 
+TEST(RunRecord, FramesWithoutAPoseKeepTheirPlace) {
+  const RunRecord record = walk({7}, {0, 7, 500});
+  const auto frames = record.framesWithoutPose();
+  EXPECT_EQ(numbersOf(frames), (std::set<int>{0, 7, 500}));
+  EXPECT_EQ(frames[1].detections.size(), 2U);
+}
+
 TEST(RunRecord, ALostFrameStartsFromItsNeighbour) {
   const RunRecord record = walk({}, {0, 1, 2, 500, 501});
   const auto frames = record.spreadFrames(kFrames, 0);

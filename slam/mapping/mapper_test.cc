@@ -225,6 +225,27 @@ TEST_F(MapperTest, AQuarantinedMarkerNeedsSeveralViews) {
   EXPECT_LT((map.find(5)->T_w_m->p - (view(0).inverse() * truth(5)).p).norm(), 0.02);
 }
 
+// At the end of a recording: one view among many is of another place, and goes.
+TEST_F(MapperTest, MarkersWithoutAPoseAreResolvedInTheEnd) {
+  Map map;
+  const auto mapper = begun(&map);
+  for (int i = 1; i < 8; ++i) (void)update(mapper.get(), frame(i), true, &map);
+  MapMarker& marker = map.marker(5);
+  marker.state = MarkerState::kQuarantined;
+  marker.T_w_m.reset();
+  const KeyframeId seen_by = map.viewsOf(5)[2];
+  MarkerDetection elsewhere = *map.keyframes().at(seen_by).find(5);
+  for (auto& corner : elsewhere.normalised) corner.x() += 20.0 / camera_.focalLength();
+  map.removeViews(5, {&seen_by, 1});
+  map.addView(seen_by, elsewhere);
+  const std::size_t views = map.viewsOf(5).size();
+  mapper->resolveAll(&map);
+  ASSERT_TRUE(map.findPosed(5));
+  EXPECT_LT((map.find(5)->T_w_m->p - (view(0).inverse() * truth(5)).p).norm(), 0.02);
+  EXPECT_EQ(map.viewsOf(5).size(), views - 1);
+  EXPECT_EQ(map.keyframes().at(seen_by).find(5), nullptr);
+}
+
 // A marker without a pose that was carried about: the old views go one by one, until the rest
 // agree.
 TEST_F(MapperTest, ViewsFromBeforeAMoveAreLetGo) {

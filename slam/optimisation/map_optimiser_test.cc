@@ -179,6 +179,20 @@ TEST_F(MapOptimiserTest, FitTellsCostNoiseAndCorners) {
   EXPECT_TRUE(std::isinf(costOf(testing::wholeMapFit(map).squared, 2.45)));
 }
 
+TEST_F(MapOptimiserTest, GrossViewsLeaveTheMap) {
+  Map map = trueMap(0.05);
+  const KeyframeId seen_by = map.viewsOf(5)[1];
+  MarkerDetection elsewhere = *map.keyframes().at(seen_by).find(5);
+  for (auto& corner : elsewhere.normalised) corner.x() += 20.0 / camera_.focalLength();
+  map.removeViews(5, {&seen_by, 1});
+  map.addView(seen_by, elsewhere);
+  const std::size_t views = map.viewsOf(5).size();
+  const BundleSummary summary = optimiseGlobally(&map, options_, kToTheEnd);
+  EXPECT_EQ(summary.gated_views, 1);
+  EXPECT_EQ(map.viewsOf(5).size(), views - 1);
+  EXPECT_EQ(map.keyframes().at(seen_by).find(5), nullptr);
+}
+
 // Cut into slices of any size, it is the same optimisation.
 TEST_F(MapOptimiserTest, SlicesChangeNothing) {
   Map whole = trueMap(0.05);
