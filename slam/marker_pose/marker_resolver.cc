@@ -1,6 +1,8 @@
 #include "slam/marker_pose/marker_resolver.h"
 
 #include <algorithm>
+#include <array>
+#include <cmath>
 #include <limits>
 #include <vector>
 
@@ -10,18 +12,52 @@
 namespace waymark::slam {
 namespace {
 
-// The sum of Eq. 26 over all views, whitened, and its normal equations by the marker's pose. False
-// when a view cannot see the pose.
-bool linearise(const Transform& T_w_m, std::span<const MarkerView> views, double size_m,
-               PoseNormal* normal) {
-  const std::array<Eigen::Vector3d, 4> corners = markerCorners(size_m);
+// A view with what does not change from pose to pose.
+struct WhitenedView {
+  const MarkerView* view = nullptr;
+  std::array<Eigen::Matrix2d, 4> W;
+};
+
+std::vector<WhitenedView> whiten(std::span<const MarkerView> views) {
+  std::vector<WhitenedView> whitened;
+  whitened.reserve(views.size());
   for (const MarkerView& view : views) {
+    WhitenedView& added = whitened.emplace_back();
+    added.view = &view;
+    for (std::size_t k = 0; k < 4; ++k) added.W[k] = whitening(view.detection->covariance[k]);
+  }
+  return whitened;
+}
+
+// Eq. 26 alone: whitened, of all views; infinite when a corner is not in front of a camera.
+double costOf(const Transform& T_w_m, std::span<const WhitenedView> views, double size_m) {
+  const auto corners = markerCorners(size_m);
+  double cost = 0.0;
+  for (const WhitenedView& whitened : views) {
+    const Transform T_c_m = whitened.view->T_w_c.inverse() * T_w_m;
+    for (std::size_t k = 0; k < 4; ++k) {
+      const Eigen::Vector3d p_c = T_c_m * corners[k];
+      if (p_c.z() < kNearestDepth) return std::numeric_limits<double>::infinity();
+      const Eigen::Vector2d projected = p_c.head<2>() / p_c.z();
+      const Eigen::Vector2d& seen = whitened.view->detection->normalised[k];
+      cost += (whitened.W[k] * (projected - seen)).squaredNorm();
+    }
+  }
+  return cost;
+}
+
+// False when a corner is not in front of a camera.
+bool linearise(const Transform& T_w_m, std::span<const WhitenedView> views, double size_m,
+               PoseNormal* normal) {
+  const auto corners = markerCorners(size_m);
+  for (const WhitenedView& whitened : views) {
     for (std::size_t k = 0; k < 4; ++k) {
       const Eigen::Vector3d p = T_w_m * corners[k];
       Projection projection;
-      if (!projectPoint(view.T_w_c, p, &projection)) return false;
-      const Eigen::Matrix2d W = whitening(view.detection->covariance[k]);
-      const Eigen::Vector2d r = W * (projection.normalised - view.detection->normalised[k]);
+      if (!projectPoint(whitened.view->T_w_c, p, &projection)) return false;
+      const Eigen::Matrix2d& W = whitened.W[k];
+      const Eigen::Vector2d r =
+          W * (projection.normalised - whitened.view->detection->normalised[k]);
       const Matrix26d J = W * markerJacobian(T_w_m, p, projection.J_point);
       normal->cost += r.squaredNorm();
       normal->H += J.transpose() * J;
@@ -36,7 +72,7 @@ struct Candidate {
   double cost;
 };
 
-Candidate refine(const Candidate& candidate, std::span<const MarkerView> views, double size_m) {
+Candidate refine(const Candidate& candidate, std::span<const WhitenedView> views, double size_m) {
   constexpr int kIterations = 8;
   const auto refined =
       minimisePose(candidate.T_w_m, kIterations, [&](const Transform& T_w_m, PoseNormal* normal) {
@@ -46,16 +82,17 @@ Candidate refine(const Candidate& candidate, std::span<const MarkerView> views, 
 }
 
 // Theta_m of Eq. 24, in the world, the best first.
-std::vector<Candidate> proposePoses(std::span<const MarkerView> views, double size_m,
+std::vector<Candidate> proposePoses(std::span<const WhitenedView> views, double size_m,
                                     double focal_px, const SquarePoseOptions& options) {
   std::vector<Candidate> candidates;
-  for (const MarkerView& view : views) {
+  for (const WhitenedView& whitened : views) {
+    const MarkerView& view = *whitened.view;
     const auto pose = estimateSquarePose(*view.detection, size_m, focal_px, options);
     if (!pose) continue;
     for (const Transform& T_c_m : pose->T_c_m) {
       const Transform T_w_m = view.T_w_c * T_c_m;
-      PoseNormal normal;
-      if (linearise(T_w_m, views, size_m, &normal)) candidates.push_back({T_w_m, normal.cost});
+      const double cost = costOf(T_w_m, views, size_m);
+      if (std::isfinite(cost)) candidates.push_back({T_w_m, cost});
     }
   }
   std::sort(candidates.begin(), candidates.end(),
@@ -63,13 +100,11 @@ std::vector<Candidate> proposePoses(std::span<const MarkerView> views, double si
   return candidates;
 }
 
-std::size_t worstView(const Transform& T_w_m, std::span<const MarkerView> views, double size_m) {
+std::size_t worstView(const Transform& T_w_m, std::span<const WhitenedView> views, double size_m) {
   std::size_t worst = 0;
   double highest = 0.0;
   for (std::size_t i = 0; i < views.size(); ++i) {
-    PoseNormal normal;
-    const bool seen = linearise(T_w_m, views.subspan(i, 1), size_m, &normal);
-    const double cost = seen ? normal.cost : std::numeric_limits<double>::infinity();
+    const double cost = costOf(T_w_m, views.subspan(i, 1), size_m);
     if (cost <= highest) continue;
     highest = cost;
     worst = i;
@@ -90,19 +125,21 @@ MarkerResolution resolveMarkerPose(std::span<const MarkerView> views, double siz
                                    const MarkerResolverOptions& options) {
   MarkerResolution resolution;
   if (static_cast<int>(views.size()) < options.min_views) return resolution;
-  const std::vector<Candidate> candidates = proposePoses(views, size_m, focal_px, options.square);
+  const std::vector<WhitenedView> whitened = whiten(views);
+  const std::vector<Candidate> candidates =
+      proposePoses(whitened, size_m, focal_px, options.square);
   if (candidates.empty()) {
     resolution.verdict = ResolverVerdict::kContradictory;
     return resolution;
   }
   // The best pose, and the best one that stays another pose after refinement.
   constexpr double kOtherOrientation = 0.05;  // radians
-  const Candidate best = refine(candidates.front(), views, size_m);
+  const Candidate best = refine(candidates.front(), whitened, size_m);
   resolution.T_w_m = best.T_w_m;
   double other_cost = std::numeric_limits<double>::infinity();
   for (std::size_t i = 1; i < candidates.size(); ++i) {
     if (rotationDistance(candidates[i].T_w_m.R, best.T_w_m.R) < kOtherOrientation) continue;
-    const Candidate other = refine(candidates[i], views, size_m);
+    const Candidate other = refine(candidates[i], whitened, size_m);
     if (rotationDistance(other.T_w_m.R, best.T_w_m.R) < kOtherOrientation) continue;
     other_cost = other.cost;
     resolution.other_T_w_m = other.T_w_m;
@@ -111,7 +148,7 @@ MarkerResolution resolveMarkerPose(std::span<const MarkerView> views, double siz
   const double n = static_cast<double>(views.size());
   if (!(best.cost <= options.worst_chi2_per_view * noise * noise * n)) {
     resolution.verdict = ResolverVerdict::kContradictory;
-    resolution.worst_view = worstView(best.T_w_m, views, size_m);
+    resolution.worst_view = worstView(best.T_w_m, whitened, size_m);
     return resolution;
   }
   const double floor = comparisonFloor(meanCornerVariance(views), focal_px,
