@@ -39,8 +39,9 @@ enum class LoopCause {
 struct LoopInWork {
   struct Facts {
     LoopCause cause = LoopCause::kOtherPlace;
-    int only_marker = -1;     // that closes it; -1 for several
-    bool ends_agree = false;  // as well as the map agrees with itself
+    int only_marker = -1;      // that closes it; -1 for several
+    bool ends_agree = false;   // as well as the map agrees with itself
+    double least_units = 0.0;  // a frame, so that it is closed in time
   };
   template <typename Begin>
   LoopInWork(const Facts& known, const Begin& begin) : facts(known), task(begin) {}
@@ -200,7 +201,8 @@ class Slam::Impl {
     const double unspent = std::max(mapper_.work(for_local, map_), 0.0);
     const double rest = units - for_local + unspent;
     if (loop_) {
-      loop_->done = loop_->done || loop_->task.advance(rest);
+      const double of_loop = std::max(rest, loop_->facts.least_units);
+      loop_->done = loop_->done || loop_->task.advance(of_loop);
     } else {
       readout_.work(rest, camera_, map_, options_.loops.optimisation);
     }
@@ -379,12 +381,22 @@ class Slam::Impl {
                      tracker_.optimiser(), camera_.focalLength(), options_.tracking.relocalisation);
     if (candidate.expected.empty()) return false;
     const int only_marker = markers.size() == 1 ? markers[0].detection->id : -1;
-    const LoopInWork::Facts facts{cause, only_marker, ends_agree};
+    const LoopInWork::Facts facts{cause, only_marker, ends_agree, unitsToCloseInTime()};
     loop_.emplace(facts, [&](Allowance* allowance) {
       return slam::closeLoop(map_, std::move(candidate), options_.markers, options_.loops,
                              allowance);
     });
     return true;
+  }
+
+  // What a frame has to spend for a loop to be closed within a second or so, before what is not
+  // corrected meanwhile has gone far astray: more than a frame's work only in large maps.
+  [[nodiscard]] double unitsToCloseInTime() const {
+    constexpr double kUnitsPerView = 20.0;  // of a marker, all iterations together
+    constexpr double kFrames = 60.0;
+    std::size_t views = 0;
+    for (const auto& [id, keyframe] : map_.keyframes()) views += keyframe.detections.size();
+    return kUnitsPerView * static_cast<double>(views) / kFrames;
   }
 
   void endLoop(FrameResult* result) {
