@@ -20,8 +20,7 @@ constexpr double kBlockProduct = 0.04;
 
 void sortAndMakeUnique(std::vector<int>* values) {
   std::ranges::sort(*values);
-  const auto repeated = std::ranges::unique(*values);
-  values->erase(repeated.begin(), repeated.end());
+  values->erase(std::unique(values->begin(), values->end()), values->end());
 }
 
 // Of poses that share blocks, as they are eliminated one by one.

@@ -70,8 +70,7 @@ MapRoles localMap(const Map& map, KeyframeId keyframe) {
   }
   views.insert(views.end(), near.begin(), near.end());
   std::ranges::sort(views);
-  const auto repeated = std::ranges::unique(views);
-  views.erase(repeated.begin(), repeated.end());
+  views.erase(std::unique(views.begin(), views.end()), views.end());
   for (const KeyframeId id : views) {
     roles.keyframes.push_back({id, !std::ranges::binary_search(near, id)});
   }
