@@ -272,11 +272,12 @@ Task<LoopOutcome> closeLoop(const Map& map, LoopFrame loop, const MarkerOptions&
 
 std::optional<KeyframeId> adopt(const ClosedLoop& loop, Map* map) {
   if (loop.correction.epoch != map->epoch()) return std::nullopt;
-  // What the correction does not know of moves with the closing frame; and so does a marker's
-  // second hypothesis with its first.
+  // What is newer than the correction moves with the closing frame; a marker's second hypothesis
+  // moves with its first.
   const Transform T_now_was = loop.closing.T_w_c * loop.T_closing_was.inverse();
-  for (const auto& [id, keyframe] : map->keyframes()) {
-    map->keyframePose(id) = T_now_was * keyframe.T_w_c;
+  const KeyframeId newest = loop.correction.keyframes.back().id;
+  for (auto it = map->keyframes().upper_bound(newest); it != map->keyframes().end(); ++it) {
+    map->keyframePose(it->first) = T_now_was * it->second.T_w_c;
   }
   std::vector<std::pair<int, Transform>> firsts;
   for (const auto& [id, known] : map->markers()) {
