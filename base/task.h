@@ -66,7 +66,7 @@ struct Done {};
 template <typename T>
 class [[nodiscard]] Task {
  public:
-  struct promise_type {
+  struct promise_type {  // NOLINT(readability-identifier-naming): the language asks for that name
     std::optional<T> value;
     std::coroutine_handle<> parent = std::noop_coroutine();
 
@@ -115,6 +115,9 @@ class [[nodiscard]] Task {
   std::coroutine_handle<promise_type> handle_;
 };
 
+// More than any task needs, and yet a number: what is left of it can be handed on.
+inline constexpr double kPlenty = 1e12;
+
 // A task under way, with an allowance of its own.
 template <typename T>
 class InSlices {
@@ -126,8 +129,9 @@ class InSlices {
   InSlices& operator=(const InSlices&) = delete;
   ~InSlices() = default;
 
-  // One slice; true when the task is done.
+  // One slice; true when the task is done, and then nothing more happens.
   bool advance(double units) {
+    if (task_.done()) return true;
     allowance_.grant(units);
     if (!begun_) {
       begun_ = true;
@@ -137,6 +141,7 @@ class InSlices {
     }
     return task_.done();
   }
+  [[nodiscard]] bool done() const { return task_.done(); }
   // Of the last slice; less than zero where it was overspent.
   [[nodiscard]] double left() const { return allowance_.left(); }
   // Precondition: done, and not taken before.

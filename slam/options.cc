@@ -2,12 +2,14 @@
 
 #include <cmath>
 
+#include "base/task.h"
+
 namespace waymark::slam {
 
 void Options::takePhotographs() {
   follower.enabled = false;
   tracking.motion.max_age_s = 0.0;
-  work_per_frame = 1e12;
+  work_per_frame = kPlenty;
 }
 
 std::string Options::invalidReason() const {

@@ -2,13 +2,13 @@
 
 #include <algorithm>
 #include <utility>
-#include <variant>
 
+#include "base/sorted.h"
 #include "base/task.h"
-#include "slam/loop_closure/loop_closer.h"
 #include "slam/loop_closure/loop_detector.h"
-#include "slam/loop_closure/loop_evidence.h"
+#include "slam/loop_closure/loop_keeper.h"
 #include "slam/tracking/expected_markers.h"
+#include "slam/tracking/sight.h"
 
 namespace waymark::slam {
 namespace {
@@ -30,27 +30,6 @@ class StageScope {
   Stage stage_;
 };
 
-enum class LoopCause {
-  kOtherPlace,  // markers that the neighbourhood does not know
-  kMisfits,     // markers of it that have long disagreed
-};
-
-// A loop that is being closed.
-struct LoopInWork {
-  struct Facts {
-    LoopCause cause = LoopCause::kOtherPlace;
-    int only_marker = -1;      // that closes it; -1 for several
-    bool ends_agree = false;   // as well as the map agrees with itself
-    double least_units = 0.0;  // a frame, so that it is closed in time
-  };
-  template <typename Begin>
-  LoopInWork(const Facts& known, const Begin& begin) : facts(known), task(begin) {}
-
-  Facts facts;
-  InSlices<LoopOutcome> task;
-  bool done = false;
-};
-
 }  // namespace
 
 class Slam::Impl {
@@ -65,6 +44,7 @@ class Slam::Impl {
         mapper_(options.markers, camera_.focalLength(), options.mapper),
         watch_(options.markers, options.watch),
         readout_(options.shutter, options.markers),
+        loops_(options_, camera_, tracker_.optimiser(), loop_detector_, &watch_, &counters_),
         locator_(watch_, camera_, readout_, tracker_),
         map_(std::move(map)),
         last_old_keyframe_(map_.keyframes().empty() ? -1 : map_.keyframes().rbegin()->first) {
@@ -105,7 +85,7 @@ class Slam::Impl {
       }
       if (result.pose && options_.mapping) {
         const StageScope scope(observer, Stage::kMap);
-        closeLoop(&sight);
+        loops_.meet(map_, mapper_.noise(), &sight);  // section 4.9
         updateMap(&sight, &result);
       }
       if (options_.mapping) {
@@ -118,9 +98,8 @@ class Slam::Impl {
   }
 
   void finish() {
-    constexpr double kAllThereIs = 1e12;  // units
     while (options_.mapping && !idle()) {
-      work(kAllThereIs);
+      work(kPlenty);
       FrameResult nobodys;
       collectWork(&nobodys);
     }
@@ -172,9 +151,7 @@ class Slam::Impl {
     for (const auto& followed : follower_.followed()) {
       expected_ids_.push_back(followed.sighting.detection.id);
     }
-    std::ranges::sort(expected_ids_);
-    const auto repeated = std::ranges::unique(expected_ids_);
-    expected_ids_.erase(repeated.begin(), repeated.end());
+    sortUnique(&expected_ids_);
     slam::expectMarkers(map_, expected_ids_, *before, *now, &expected_);
   }
 
@@ -184,7 +161,11 @@ class Slam::Impl {
     if (const auto T_now_was = readout_.collect(camera_, options_.loops.optimisation, &map_)) {
       moved(*T_now_was, result);
     }
-    if (loop_ && loop_->done) endLoop(result);
+    if (const auto T_now_was = loops_.collect(&map_)) {
+      moved(*T_now_was, result);
+      result->keyframe_added = true;
+      loop_detector_.forget();
+    }
   }
 
   // The map moved under the camera.
@@ -196,30 +177,18 @@ class Slam::Impl {
   // A slice of what is under way: at least half of it is for what is larger than the neighbourhood
   // of a keyframe, where there is such a thing.
   void work(double units) {
-    const bool local_only = !loop_ && readout_.idle(map_);
+    const bool local_only = loops_.idle() && readout_.idle(map_);
     const double for_local = local_only ? units : 0.5 * units;
     const double unspent = std::max(mapper_.work(for_local, map_), 0.0);
     const double rest = units - for_local + unspent;
-    if (loop_) {
-      const double of_loop = std::max(rest, loop_->facts.least_units);
-      loop_->done = loop_->done || loop_->task.advance(of_loop);
-    } else {
+    if (loops_.idle()) {
       readout_.work(rest, camera_, map_, options_.loops.optimisation);
+    } else {
+      loops_.work(rest);
     }
   }
 
-  [[nodiscard]] bool idle() const { return mapper_.idle() && readout_.idle(map_) && !loop_; }
-
-  // What a frame shows, by what it is good for, and what has become of it so far.
-  struct Sight {
-    FrameTime time;
-    std::vector<MarkerDetection> detections;  // usable ones, as at the middle row's time
-    SplitMarkers known;                       // pointing into `detections`
-    PoseSolution solution;                    // of the eligible markers
-    Twist twist = Twist::Zero();
-    std::vector<MarkerDetection> fitting;  // those that agree with the pose, sorted by id
-    bool closes_loop = false;
-  };
+  [[nodiscard]] bool idle() const { return mapper_.idle() && readout_.idle(map_) && loops_.idle(); }
 
   [[nodiscard]] Sight look(std::vector<MarkerDetection> usable, const FrameTime& time) const {
     Sight sight;
@@ -241,10 +210,6 @@ class Slam::Impl {
   void deskew(const Transform& T_w_c, const Twist& twist,
               std::vector<MarkerDetection>* detections) const {
     readout_.deskew(camera_, map_, T_w_c, twist, detections);
-  }
-
-  [[nodiscard]] static Keyframe frameOf(const Sight& sight, const Transform& T_w_c) {
-    return {-1, sight.time.sequence, sight.time.monotonic_ns, T_w_c, sight.fitting, sight.twist};
   }
 
   // Section 4.1.
@@ -311,7 +276,7 @@ class Slam::Impl {
   // What was near is not near any more, perhaps; and what comes now may be at a loop's other end.
   void lose() {
     loop_detector_.forget();
-    loop_.reset();
+    loops_.forget();
   }
 
   // With the velocity this frame has shown, instead of the predicted one.
@@ -340,7 +305,8 @@ class Slam::Impl {
       }
       // A frame may be stricter than the map is sure of itself.
       const bool agrees =
-          sight->solution.inlier[i] || fits(known[i], sight->solution.T_w_c, mapper_.noise());
+          sight->solution.inlier[i] ||
+          tracker_.optimiser().explains(known[i], sight->solution.T_w_c, mapper_.noise());
       if (agrees || others_agree) {
         watch_.record(known[i].detection->id, agrees, sight->time.monotonic_ns);
       }
@@ -348,144 +314,11 @@ class Slam::Impl {
     sortById(&sight->fitting);
   }
 
-  // Section 4.9: markers in view that the neighbourhood does not know close a loop. Where both ends
-  // agree as well as corners can tell, there is nothing to correct, and the next keyframe joins
-  // them; also where they agree as well as the map agrees with itself, and a correction was
-  // refused.
-  void closeLoop(Sight* sight) {
-    const std::vector<KnownMarker>& loop = sight->known.loop;
-    if (loop.empty() || !loop_detector_.reference()) return;
-    const auto fittingWithin = [&](double noise) {
-      return fittingMarkers(loop, sight->solution.T_w_c, noise);
-    };
-    const std::vector<int> agreeing = fittingWithin(mapper_.noise());
-    const bool ends_agree = 2 * agreeing.size() > loop.size();
-    if (2 * fittingWithin(1.0).size() > loop.size()) {
-      joinLoop(agreeing, sight);
-    } else if (loop_) {
-      recordContradiction(*sight);
-    } else if (frames_to_next_attempt_ > 0) {
-      --frames_to_next_attempt_;
-      if (ends_agree) joinLoop(agreeing, sight);
-      if (!ends_agree) recordContradiction(*sight);
-    } else if (!beginLoop(loop, *sight, LoopCause::kOtherPlace, ends_agree) && ends_agree) {
-      joinLoop(agreeing, sight);
-    }
-  }
-
-  // False when the markers do not say where the frame is.
-  bool beginLoop(std::span<const KnownMarker> markers, const Sight& sight, LoopCause cause,
-                 bool ends_agree) {
-    LoopFrame candidate =
-        loopEvidence(frameOf(sight, sight.solution.T_w_c), *loop_detector_.reference(), markers,
-                     tracker_.optimiser(), camera_.focalLength(), options_.tracking.relocalisation);
-    if (candidate.expected.empty()) return false;
-    const int only_marker = markers.size() == 1 ? markers[0].detection->id : -1;
-    const LoopInWork::Facts facts{cause, only_marker, ends_agree, unitsToCloseInTime()};
-    loop_.emplace(facts, [&](Allowance* allowance) {
-      return slam::closeLoop(map_, std::move(candidate), options_.markers, options_.loops,
-                             allowance);
-    });
-    return true;
-  }
-
-  // What a frame has to spend for a loop to be closed within a second or so, before what is not
-  // corrected meanwhile has gone far astray: more than a frame's work only in large maps.
-  [[nodiscard]] double unitsToCloseInTime() const {
-    constexpr double kUnitsPerView = 20.0;  // of a marker, all iterations together
-    constexpr double kFrames = 60.0;
-    std::size_t views = 0;
-    for (const auto& [id, keyframe] : map_.keyframes()) views += keyframe.detections.size();
-    return kUnitsPerView * static_cast<double>(views) / kFrames;
-  }
-
-  void endLoop(FrameResult* result) {
-    const LoopOutcome outcome = loop_->task.take();
-    const LoopInWork::Facts facts = loop_->facts;
-    loop_.reset();
-    if (const auto* closed = std::get_if<ClosedLoop>(&outcome)) {
-      if (!adopt(*closed, &map_)) return;  // the coordinates are others by now
-      ++counters_.loop_closures;
-      ++counters_.keyframes_added;
-      moved(closed->closing.T_w_c * closed->T_closing_was.inverse(), result);
-      result->keyframe_added = true;
-      watch_.forget();
-      loop_detector_.forget();
-      contradicting_marker_ = -1;
-      return;
-    }
-    const LoopRefusal refusal = std::get<LoopRefusal>(outcome);
-    if (facts.cause == LoopCause::kMisfits) {
-      misfits_refused_ = true;
-      return;
-    }
-    constexpr int kFramesBetweenAttempts = 10;
-    frames_to_next_attempt_ = kFramesBetweenAttempts;
-    if (facts.ends_agree) return;
-    ++counters_.loops_refused;
-    const bool contradicted = refusal == LoopRefusal::kContradicted;
-    contradicting_marker_ = contradicted ? facts.only_marker : -1;
-  }
-
-  // Whether a pose explains the marker; noise: of the residuals, in units of the corners' own.
-  [[nodiscard]] bool fits(const KnownMarker& marker, const Transform& T_w_c, double noise) const {
-    const auto chi2 = PoseOptimiser::markerChi2(marker, T_w_c);
-    return chi2 && *chi2 <= options_.tracking.pose.marker_chi2 * noise * noise;
-  }
-
-  // Ids of the markers that a pose explains.
-  [[nodiscard]] std::vector<int> fittingMarkers(std::span<const KnownMarker> markers,
-                                                const Transform& T_w_c, double noise) const {
-    std::vector<int> fitting;
-    for (const KnownMarker& marker : markers) {
-      if (fits(marker, T_w_c, noise)) fitting.push_back(marker.detection->id);
-    }
-    return fitting;
-  }
-
-  void joinLoop(const std::vector<int>& agreeing, Sight* sight) {
-    for (const KnownMarker& marker : sight->known.loop) {
-      const int id = marker.detection->id;
-      const bool agrees = std::binary_search(agreeing.begin(), agreeing.end(), id);
-      watch_.record(id, agrees, sight->time.monotonic_ns);
-      if (agrees) sight->fitting.push_back(*marker.detection);
-      if (!agrees) ++counters_.rejected_markers;
-    }
-    sortById(&sight->fitting);
-    sight->closes_loop = true;
-    ++counters_.loops_without_drift;
-  }
-
-  // One marker that contradicts all others, whose loop was refused for that: it moved, or hangs
-  // twice, more likely than they did. The watch hears of every frame, not only of the attempts.
-  void recordContradiction(const Sight& sight) {
-    const std::vector<KnownMarker>& loop = sight.known.loop;
-    if (loop.size() != 1 || loop[0].detection->id != contradicting_marker_) return;
-    if (sight.solution.inliers < 2) return;
-    watch_.record(contradicting_marker_, false, sight.time.monotonic_ns);
-  }
-
-  // Markers that have disagreed for long moved, or the map around them did: a loop that went
-  // unnoticed, because the markers at its end were known here already. That is tried first. True
-  // when they moved.
-  bool haveMoved(const Sight& sight) {
-    if (!watch_.suspectsMoved(map_)) {
-      misfits_refused_ = false;
-      return false;
-    }
-    if (loop_) return false;  // its end will tell
-    if (std::exchange(misfits_refused_, false) || !loop_detector_.reference()) return true;
-    std::vector<KnownMarker> misfits;
-    for (std::size_t i = 0; i < sight.known.eligible.size(); ++i) {
-      if (!sight.solution.inlier[i]) misfits.push_back(sight.known.eligible[i]);
-    }
-    return misfits.empty() || !beginLoop(misfits, sight, LoopCause::kMisfits, false);
-  }
-
   // Sections 4.2 and 4.4 to 4.7, and what the watch has noticed.
   void updateMap(Sight* sight, FrameResult* result) {
     bool changed = watch_.refuseDoubled(&map_, &counters_);
-    if (haveMoved(*sight)) changed = watch_.quarantineMoved(&map_, &counters_) || changed;
+    if (loops_.haveMoved(map_, *sight))
+      changed = watch_.quarantineMoved(&map_, &counters_) || changed;
     if (changed) {
       std::erase_if(sight->fitting, [&](const MarkerDetection& d) {
         const MapMarker* marker = map_.find(d.id);
@@ -493,7 +326,7 @@ class Slam::Impl {
       });
       result->map_changed = true;
     }
-    if (!sight->fitting.empty() && mapper_.update(frameOf(*sight, result->pose->T_w_c),
+    if (!sight->fitting.empty() && mapper_.update(sight->frameAt(result->pose->T_w_c),
                                                   sight->closes_loop, &map_, &counters_)) {
       result->map_changed = result->keyframe_added = true;
       for (const MarkerDetection& detection : sight->fitting) {
@@ -515,6 +348,7 @@ class Slam::Impl {
   LoopDetector loop_detector_;
   MarkerWatch watch_;
   Readout readout_;
+  LoopKeeper loops_;
   PastFrameLocator locator_;
   Map map_;
   // Reused from frame to frame.
@@ -522,10 +356,6 @@ class Slam::Impl {
   std::vector<ExpectedMarker> expected_;
   KeyframeId last_old_keyframe_;  // of the map given at the start; -1 for none
   Counters counters_;
-  std::optional<LoopInWork> loop_;
-  bool misfits_refused_ = false;    // the last loop to misfits
-  int frames_to_next_attempt_ = 0;  // to close a loop, after one was refused
-  int contradicting_marker_ = -1;   // the only marker of that loop; -1 for none
 };
 
 Slam::Slam(const CameraModel& camera, Dictionary dictionary, const Options& options, Map map)

@@ -12,6 +12,7 @@
 #include "slam/counters.h"
 #include "slam/detection/dictionary.h"
 #include "slam/detection/marker_detection.h"
+#include "slam/frame_time.h"
 #include "slam/geometry/camera_model.h"
 #include "slam/geometry/transform.h"
 #include "slam/map/map.h"
@@ -26,11 +27,6 @@ enum class TrackingState {
   kInitializing,  // no map yet
   kTracking,      // this frame has a pose
   kRelocalizing,  // there is a map, but this frame has no pose
-};
-
-struct FrameTime {
-  std::uint64_t sequence = 0;
-  std::int64_t monotonic_ns = 0;  // mid-exposure
 };
 
 struct FrameResult {

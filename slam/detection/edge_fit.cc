@@ -6,7 +6,7 @@
 #include <cstddef>
 
 #include "base/vectorised.h"
-#include "slam/detection/small_cholesky.h"
+#include "slam/geometry/small_cholesky.h"
 
 namespace waymark::slam {
 namespace {
@@ -223,7 +223,7 @@ std::optional<EdgeFit> fitEdge(const EdgeRows& rows, const EdgeFit& start,
   constexpr double kMostGrowth = 1.3;  // of the blur
   GroupNeighbours neighbours;
   findNeighbours(rows, static_cast<float>(kMostGrowth * start.blur_px), &neighbours);
-  SmallCholesky<kUnknowns> factors;
+  MatrixU L;  // of the last iteration
   // Where the levels are guessed, nothing is an outlier yet.
   double variance = start.variance > 0.0 ? start.variance : 1e9;
   for (int iteration = 0; iteration < options.iterations; ++iteration) {
@@ -246,8 +246,9 @@ std::optional<EdgeFit> fitEdge(const EdgeRows& rows, const EdgeFit& start,
     prior(kWhiteSlope, 0.0, kSlopePrior);
     prior(kBlackSlope, 0.0, kSlopePrior);
 
-    if (!factors.factorise(H)) return std::nullopt;
-    VectorU step = factors.solve(g);
+    L = H;
+    if (!factoriseCholesky(&L)) return std::nullopt;
+    VectorU step = solveCholesky(L, g);
     if (!step.allFinite()) return std::nullopt;
     for (const Unknown k : {kShiftStart, kShiftEnd}) {
       step[k] = std::clamp(step[k], -kLongestStep, kLongestStep);
@@ -267,8 +268,10 @@ std::optional<EdgeFit> fitEdge(const EdgeRows& rows, const EdgeFit& start,
               .black = x[kBlack],
               .blur_px = x[kBlur],
               .variance = variance};
-  fit.covariance.col(0) = variance * factors.solve(VectorU::Unit(kShiftStart)).head<2>();
-  fit.covariance.col(1) = variance * factors.solve(VectorU::Unit(kShiftEnd)).head<2>();
+  fit.covariance.col(0) =
+      variance * solveCholesky<kUnknowns>(L, VectorU::Unit(kShiftStart)).head<2>();
+  fit.covariance.col(1) =
+      variance * solveCholesky<kUnknowns>(L, VectorU::Unit(kShiftEnd)).head<2>();
   return fit;
 }
 

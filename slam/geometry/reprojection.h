@@ -2,6 +2,7 @@
 #pragma once
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <optional>
 
@@ -25,8 +26,28 @@ using Matrix23d = Eigen::Matrix<double, 2, 3>;
   return W;
 }
 
+// Of a marker's four corners.
+using WhitenedCorners = std::array<Eigen::Matrix2d, 4>;
+[[nodiscard]] inline WhitenedCorners whitening(const std::array<Eigen::Matrix2d, 4>& covariances) {
+  WhitenedCorners W;
+  for (std::size_t k = 0; k < 4; ++k) W[k] = whitening(covariances[k]);
+  return W;
+}
+
 // Points nearer than this to the camera plane, or behind it, are not projected, metres.
 inline constexpr double kNearestDepth = 1e-3;
+
+// d normalised / d point in the world, of a point at p_c in the camera's frame.
+[[nodiscard]] inline Matrix23d projectionJacobian(const Transform& T_w_c,
+                                                  const Eigen::Vector3d& p_c) {
+  const double iz = 1.0 / p_c.z();
+  const double x = p_c.x() * iz * iz;
+  const double y = p_c.y() * iz * iz;
+  Matrix23d J;
+  J.row(0) = (iz * T_w_c.R.col(0) - x * T_w_c.R.col(2)).transpose();
+  J.row(1) = (iz * T_w_c.R.col(1) - y * T_w_c.R.col(2)).transpose();
+  return J;
+}
 
 struct Projection {
   Eigen::Vector2d normalised;
@@ -38,11 +59,8 @@ struct Projection {
                                        Projection* out) {
   const Eigen::Vector3d p_c = T_w_c.R.transpose() * (p_w - T_w_c.p);
   if (p_c.z() < kNearestDepth) return false;
-  const double iz = 1.0 / p_c.z();
-  out->normalised << p_c.x() * iz, p_c.y() * iz;
-  Matrix23d J_camera;
-  J_camera << iz, 0.0, -p_c.x() * iz * iz, 0.0, iz, -p_c.y() * iz * iz;
-  out->J_point = J_camera * T_w_c.R.transpose();
+  out->normalised = p_c.head<2>() / p_c.z();
+  out->J_point = projectionJacobian(T_w_c, p_c);
   return true;
 }
 
@@ -50,9 +68,9 @@ struct Projection {
 [[nodiscard]] inline std::optional<double> squaredError(
     const Transform& T_w_c, const Eigen::Vector3d& p_w, const Eigen::Vector2d& seen,
     const Eigen::Matrix2d& W = Eigen::Matrix2d::Identity()) {
-  Projection projection;
-  if (!projectPoint(T_w_c, p_w, &projection)) return std::nullopt;
-  return (W * (projection.normalised - seen)).squaredNorm();
+  const Eigen::Vector3d p_c = T_w_c.R.transpose() * (p_w - T_w_c.p);
+  if (p_c.z() < kNearestDepth) return std::nullopt;
+  return (W * (p_c.head<2>() / p_c.z() - seen)).squaredNorm();
 }
 
 // d normalised / d delta of T_w_c (Transform::retract), from the point's Jacobian.

@@ -134,12 +134,37 @@ Transform backToTheWorld(const BundleProblem& before, const BundleProblem& after
   return before.cameras[0].T * after.cameras[0].T.inverse();
 }
 
+// What every candidate starts from, and is compared with.
+struct Before {
+  MapPart part;
+  std::vector<std::vector<int>> by_marker;  // cameras
+  PoseGraph graph;
+  double noise = 1.0;
+  double huber = 0.0;  // in units of the corners' covariances
+  double cost = 0.0;
+};
+
+Task<Before> prepare(const Map& map, const MarkerOptions& markers, const LoopOptions& options,
+                     Allowance* allowance) {
+  Before before;
+  before.part = co_await takePart(map, wholeMap(map), markers, allowance);
+  const MapFit fit = co_await fitOf(before.part.problem, allowance);
+  before.noise = fit.noise;
+  before.huber = fit.noise * options.optimisation.huber;
+  before.cost = costOf(fit.squared, before.huber);
+  before.by_marker = camerasByMarker(before.part.problem);
+  before.graph =
+      co_await covisibilityGraph(before.part.problem, options.edges_per_keyframe, allowance);
+  co_return before;
+}
+
 // The problem with its loop closed by the pose graph, before any optimisation of corners. The
 // closing frame is its last camera.
-Task<BundleProblem> correctedProblem(const MapPart& part, const LoopFrame& loop,
+Task<BundleProblem> correctedProblem(const Before& before, const LoopFrame& loop,
                                      const Transform& expected, const LoopOptions& options,
                                      Allowance* allowance) {
-  PoseGraph graph = co_await covisibilityGraph(part.problem, options.edges_per_keyframe, allowance);
+  const MapPart& part = before.part;
+  PoseGraph graph = before.graph;
   const int t = static_cast<int>(graph.poses.size());
   const int c = closingCamera(part, loop.loop_markers);
   const int omega = referenceCamera(part, loop.reference);
@@ -153,12 +178,12 @@ Task<BundleProblem> correctedProblem(const MapPart& part, const LoopFrame& loop,
   for (std::size_t i = 0; i < corrected.cameras.size(); ++i) {
     corrected.cameras[i].T = graph.poses[i];
   }
-  const std::vector<std::vector<int>> by_marker = camerasByMarker(part.problem);
   for (std::size_t m = 0; m < corrected.markers.size(); ++m) {
-    co_await allowance->spend(kCorrectView * static_cast<double>(by_marker[m].size()));
-    if (by_marker[m].empty()) continue;
+    const std::vector<int>& cameras = before.by_marker[m];
+    co_await allowance->spend(kCorrectView * static_cast<double>(cameras.size()));
+    if (cameras.empty()) continue;
     Transform& T_w_m = corrected.markers[m].T;
-    T_w_m = correctedMarker(T_w_m, by_marker[m], part.problem.cameras, graph.poses);
+    T_w_m = correctedMarker(T_w_m, cameras, part.problem.cameras, graph.poses);
   }
   corrected.cameras.push_back({graph.poses.back(), false});
   for (const MarkerDetection& detection : loop.frame.detections) {
@@ -178,13 +203,6 @@ Task<BundleProblem> correctedProblem(const MapPart& part, const LoopFrame& loop,
   co_return corrected;
 }
 
-// The map before its correction, as the corrected ones are compared with it.
-struct Reference {
-  double noise = 1.0;
-  double huber = 0.0;  // in units of the corners' covariances
-  double cost = 0.0;
-};
-
 struct Candidate {
   MapCorrection correction;
   Transform T_w_closing;
@@ -192,20 +210,19 @@ struct Candidate {
   double closing_error = 0.0;  // of the closing frame, likewise
 };
 
-Task<Candidate> tryCandidate(const MapPart& part, const LoopFrame& loop, const Transform& expected,
-                             const Reference& before, const LoopOptions& options,
-                             Allowance* allowance) {
-  BundleProblem corrected = co_await correctedProblem(part, loop, expected, options, allowance);
+Task<Candidate> tryCandidate(const Before& before, const LoopFrame& loop, const Transform& expected,
+                             const LoopOptions& options, Allowance* allowance) {
+  BundleProblem corrected = co_await correctedProblem(before, loop, expected, options, allowance);
   BundleAdjuster adjuster(std::move(corrected), options.optimisation);
   (void)co_await adjuster.run(allowance);
   const MapFit fit = co_await fitOf(adjuster.problem(), allowance);
 
   Candidate candidate;
-  candidate.correction = correctionOf(part, adjuster);
+  candidate.correction = correctionOf(before.part, adjuster);
   candidate.T_w_closing = adjuster.problem().cameras.back().T;
   const double unit = before.noise * before.noise;
   const std::span<const double> squared(fit.squared);
-  const auto old_views = squared.first(4 * part.problem.observations.size());
+  const auto old_views = squared.first(4 * before.part.problem.observations.size());
   const auto closing = squared.subspan(old_views.size());
   candidate.growth = (costOf(old_views, before.huber) - before.cost) / unit;
   candidate.closing_error = costOf(closing, before.huber) / unit /
@@ -214,8 +231,7 @@ Task<Candidate> tryCandidate(const MapPart& part, const LoopFrame& loop, const T
 }
 
 // Of the old views' cost, in units of the noise squared.
-double allowedGrowth(const Reference& before, std::size_t loop_markers,
-                     const LoopOptions& options) {
+double allowedGrowth(const Before& before, std::size_t loop_markers, const LoopOptions& options) {
   const double variance = before.noise * before.noise;
   const double cost = before.cost / variance;
   const double of_model_errors = cost * (1.0 - 1.0 / variance);
@@ -247,15 +263,12 @@ std::optional<LoopRefusal> refusalOf(const Candidate& best, const std::optional<
 
 Task<LoopOutcome> closeLoop(const Map& map, LoopFrame loop, const MarkerOptions& markers,
                             LoopOptions options, Allowance* allowance) {
-  const MapPart part = co_await takePart(map, wholeMap(map), markers, allowance);
-  if (loop.expected.empty() || part.keyframes.empty()) co_return LoopRefusal::kNoEvidence;
-  const MapFit fit = co_await fitOf(part.problem, allowance);
-  const double huber = fit.noise * options.optimisation.huber;
-  const Reference before{fit.noise, huber, costOf(fit.squared, huber)};
+  const Before before = co_await prepare(map, markers, options, allowance);
+  if (loop.expected.empty() || before.part.keyframes.empty()) co_return LoopRefusal::kNoEvidence;
   std::optional<Candidate> best;
   std::optional<Candidate> other;
   for (const Transform& expected : loop.expected) {
-    Candidate candidate = co_await tryCandidate(part, loop, expected, before, options, allowance);
+    Candidate candidate = co_await tryCandidate(before, loop, expected, options, allowance);
     if (best && candidate.growth >= best->growth) {
       other = std::move(candidate);
     } else {

@@ -36,6 +36,11 @@ struct LoopOptions {
   // Of two candidates (one ambiguous marker closes the loop) the better one must be this much
   // better.
   double ambiguity_ratio = 3.0;
+  // A closure gets as much of a frame as it needs to be done after so many, before what is not
+  // corrected meanwhile has gone far astray: units for each view of a marker, all iterations
+  // together. More than Options::work_per_frame only in large maps.
+  double units_per_view = 20.0;
+  double frames_to_close = 60.0;
 };
 
 // The frame that sees both ends of a loop.

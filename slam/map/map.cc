@@ -3,18 +3,10 @@
 #include <algorithm>
 #include <utility>
 
+#include "base/sorted.h"
 #include "slam/rolling_shutter/rolling_shutter.h"
 
 namespace waymark::slam {
-namespace {
-
-template <typename T>
-void sortUnique(std::vector<T>* values) {
-  std::sort(values->begin(), values->end());
-  values->erase(std::unique(values->begin(), values->end()), values->end());
-}
-
-}  // namespace
 
 std::array<Eigen::Vector3d, 4> MapMarker::cornersInWorld() const {
   std::array<Eigen::Vector3d, 4> corners = markerCorners(size_m);

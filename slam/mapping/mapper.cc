@@ -58,26 +58,23 @@ double Mapper::work(double units, const Map& map) {
                           options_.local_optimisation, allowance);
     });
   }
-  if (!local_ || local_done_) return units;
-  local_done_ = local_->advance(units);
+  if (!local_ || local_->done()) return units;
+  (void)local_->advance(units);
   return local_->left();
 }
 
 std::optional<Transform> Mapper::collect(Map* map, Counters* counters) {
-  if (!local_done_) return std::nullopt;
+  if (!local_ || !local_->done()) return std::nullopt;
   const MapCorrection correction = local_->take();
   local_.reset();
-  local_done_ = false;
-  const auto keyframe = map->keyframes().find(local_keyframe_);
-  const bool is_there = keyframe != map->keyframes().end();
-  const Transform T_was = is_there ? keyframe->second.T_w_c : Transform{};
-  if (!apply(correction, map)) {
-    if (is_there && !wanted_) wanted_ = local_keyframe_;  // once more, in the new coordinates
+  const auto T_now_was = applyAround(local_keyframe_, correction, map);
+  if (!T_now_was) {
+    if (!wanted_) wanted_ = local_keyframe_;  // once more, in the new coordinates
     return std::nullopt;
   }
   noise_ = correction.summary.noise;
   counters->gated_views += static_cast<std::uint64_t>(correction.summary.gated_views);
-  return is_there ? keyframe->second.T_w_c * T_was.inverse() : Transform{};
+  return T_now_was;
 }
 
 // A new pose is as sure as the views that it comes from.

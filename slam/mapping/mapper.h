@@ -34,8 +34,8 @@ class Mapper {
   // those that fit its pose, and those the map does not know. False when it is none; else a local
   // optimisation around it is wanted, and work() does it.
   bool update(const Keyframe& frame, bool force, Map* map, Counters* counters);
-  // Section 4.5 for all markers without a pose, as sure as the whole map is of itself: what could not
-  // be decided as the frames came may be with more views and better cameras.
+  // Section 4.5 for all markers without a pose, as sure as the whole map is of itself: what could
+  // not be decided as the frames came may be with more views and better cameras.
   void resolveAll(Map* map);
   // A slice of the local optimisation, and the next one when one is done. The units left.
   double work(double units, const Map& map);
@@ -64,7 +64,6 @@ class Mapper {
   // The local optimisation under way, and the keyframe it is for; and the one that wants the next.
   std::optional<InSlices<MapCorrection>> local_;
   KeyframeId local_keyframe_ = -1;
-  bool local_done_ = false;
   std::optional<KeyframeId> wanted_;
   bool world_fixed_ = false;  // by an origin marker or an anchor
 };

@@ -234,10 +234,7 @@ TEST_F(MapperTest, MarkersWithoutAPoseAreResolvedInTheEnd) {
   marker.state = MarkerState::kQuarantined;
   marker.T_w_m.reset();
   const KeyframeId seen_by = map.viewsOf(5)[2];
-  MarkerDetection elsewhere = *map.keyframes().at(seen_by).find(5);
-  for (auto& corner : elsewhere.normalised) corner.x() += 20.0 / camera_.focalLength();
-  map.removeViews(5, {&seen_by, 1});
-  map.addView(seen_by, elsewhere);
+  testing::displaceView(seen_by, 5, 20.0 / camera_.focalLength(), &map);
   const std::size_t views = map.viewsOf(5).size();
   mapper->resolveAll(&map);
   ASSERT_TRUE(map.findPosed(5));

@@ -1,7 +1,5 @@
 #include "slam/mapping/readout.h"
 
-#include <utility>
-
 namespace waymark::slam {
 namespace {
 
@@ -39,29 +37,26 @@ void Readout::work(double units, const CameraModel& camera, const Map& map,
                              ungated(optimisation), allowance);
     });
   }
-  if (estimate_ && !done_) done_ = estimate_->advance(units);
-  if (whole_ && !done_) done_ = whole_->advance(units);
+  if (estimate_) (void)estimate_->advance(units);
+  if (whole_) (void)whole_->advance(units);
 }
 
 std::optional<Transform> Readout::collect(const CameraModel& camera,
                                           const BundleOptions& optimisation, Map* map) {
-  if (!std::exchange(done_, false)) return std::nullopt;
-  if (estimate_) {
+  if (estimate_ && estimate_->done()) {
     if (!adopt(camera, map)) return std::nullopt;
     whole_.emplace([&](Allowance* allowance) {
       return optimisePart(*map, wholeMap(*map), markers_, ungated(optimisation), allowance);
     });
     return Transform{};
   }
+  if (!whole_ || !whole_->done()) return std::nullopt;
   const MapCorrection correction = whole_->take();
   whole_.reset();
   if (correction.keyframes.empty()) return std::nullopt;
-  const auto newest = map->keyframes().find(correction.keyframes.back().id);
-  const bool is_there = newest != map->keyframes().end();
-  const Transform T_was = is_there ? newest->second.T_w_c : Transform{};
-  if (!apply(correction, map)) return std::nullopt;
-  map->beginEpoch();
-  return is_there ? newest->second.T_w_c * T_was.inverse() : Transform{};
+  const auto T_now_was = applyAround(correction.keyframes.back().id, correction, map);
+  if (T_now_was) map->beginEpoch();
+  return T_now_was;
 }
 
 // Whether the estimate is believed.

@@ -52,7 +52,6 @@ class Readout {
   int next_keyframes_;  // it is estimated again when the map has so many
   std::optional<InSlices<std::optional<ReadoutEstimate>>> estimate_;
   std::optional<InSlices<MapCorrection>> whole_;
-  bool done_ = false;  // the one of the two that is there
 };
 
 }  // namespace waymark::slam

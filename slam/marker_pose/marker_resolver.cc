@@ -15,16 +15,14 @@ namespace {
 // A view with what does not change from pose to pose.
 struct WhitenedView {
   const MarkerView* view = nullptr;
-  std::array<Eigen::Matrix2d, 4> W;
+  WhitenedCorners W;
 };
 
 std::vector<WhitenedView> whiten(std::span<const MarkerView> views) {
   std::vector<WhitenedView> whitened;
   whitened.reserve(views.size());
   for (const MarkerView& view : views) {
-    WhitenedView& added = whitened.emplace_back();
-    added.view = &view;
-    for (std::size_t k = 0; k < 4; ++k) added.W[k] = whitening(view.detection->covariance[k]);
+    whitened.push_back({&view, whitening(view.detection->covariance)});
   }
   return whitened;
 }
@@ -34,13 +32,11 @@ double costOf(const Transform& T_w_m, std::span<const WhitenedView> views, doubl
   const auto corners = markerCorners(size_m);
   double cost = 0.0;
   for (const WhitenedView& whitened : views) {
-    const Transform T_c_m = whitened.view->T_w_c.inverse() * T_w_m;
     for (std::size_t k = 0; k < 4; ++k) {
-      const Eigen::Vector3d p_c = T_c_m * corners[k];
-      if (p_c.z() < kNearestDepth) return std::numeric_limits<double>::infinity();
-      const Eigen::Vector2d projected = p_c.head<2>() / p_c.z();
-      const Eigen::Vector2d& seen = whitened.view->detection->normalised[k];
-      cost += (whitened.W[k] * (projected - seen)).squaredNorm();
+      const auto squared = squaredError(whitened.view->T_w_c, T_w_m * corners[k],
+                                        whitened.view->detection->normalised[k], whitened.W[k]);
+      if (!squared) return std::numeric_limits<double>::infinity();
+      cost += *squared;
     }
   }
   return cost;

@@ -82,8 +82,8 @@ std::optional<std::array<Eigen::Matrix3d, 2>> ippeRotations(const Eigen::Matrix3
 // The pose of one marker in the camera frame, refined on the corners' whitened errors.
 std::optional<MinimisedPose> refine(const Transform& start,
                                     const std::array<Eigen::Vector3d, 4>& corners,
-                                    const MarkerDetection& detection,
-                                    const std::array<Eigen::Matrix2d, 4>& W, int iterations) {
+                                    const MarkerDetection& detection, const WhitenedCorners& W,
+                                    int iterations) {
   const Transform camera;  // the identity: the "world" here is the camera
   return minimisePose(start, iterations, [&](const Transform& T_c_m, PoseNormal* normal) {
     for (std::size_t i = 0; i < 4; ++i) {
@@ -112,8 +112,7 @@ std::optional<SquarePose> estimateSquarePose(const MarkerDetection& detection, d
   const auto rotations = ippeRotations(*from_unit * unit_from_marker);
   if (!rotations) return std::nullopt;
 
-  std::array<Eigen::Matrix2d, 4> W;
-  for (std::size_t i = 0; i < 4; ++i) W[i] = whitening(detection.covariance[i]);
+  const WhitenedCorners W = whitening(detection.covariance);
   const std::array<Eigen::Vector3d, 4> corners = markerCorners(size_m);
   std::array<Transform, 2> starts;
   std::array<MinimisedPose, 2> refined;

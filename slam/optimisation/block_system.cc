@@ -6,6 +6,8 @@
 
 #include <Eigen/Cholesky>
 
+#include "base/sorted.h"
+#include "slam/geometry/small_cholesky.h"
 #include "slam/optimisation/block_kernels.h"
 
 namespace waymark::slam {
@@ -18,11 +20,6 @@ constexpr double kClearBlock = 0.02;
 constexpr double kColumn = 0.1;
 constexpr double kBlockProduct = 0.04;
 
-void sortAndMakeUnique(std::vector<int>* values) {
-  std::ranges::sort(*values);
-  values->erase(std::unique(values->begin(), values->end()), values->end());
-}
-
 // Of poses that share blocks, as they are eliminated one by one.
 class EliminationGraph {
  public:
@@ -34,7 +31,7 @@ class EliminationGraph {
       }
     }
     for (std::size_t i = 0; i < neighbours_.size(); ++i) {
-      sortAndMakeUnique(&neighbours_[i]);
+      sortUnique(&neighbours_[i]);
       std::erase(neighbours_[i], static_cast<int>(i));
     }
   }
@@ -142,14 +139,14 @@ Task<bool> BlockSystem::solve(Allowance* allowance) {
 
 bool BlockSystem::factoriseColumn(int column) {
   Matrix6d& L = diagonal(column);
-  if (!factoriseBlock(&L)) return false;
+  if (!factoriseCholesky(&L)) return false;
   const std::span<const int> rows = below(column);
   Matrix6d* const blocks = blocks_.data() + first_[at(column)] + 1;
   for (std::size_t i = 0; i < rows.size(); ++i) divideByTransposed(L, &blocks[i]);
-  divide(L, &right(column));
+  solveLower(L, &right(column));
   if (with_globals_) {
     PoseGlobalMatrix& B = globalBlock(column);
-    divide(L, &B);
+    solveLower(L, &B);
     globals_.noalias() -= B.transpose() * B;
     global_right_.noalias() -= B.transpose() * right(column);
   }
@@ -182,7 +179,7 @@ void BlockSystem::substitute(int column) {
   for (std::size_t i = 0; i < rows.size(); ++i) {
     x.noalias() -= blocks[i].transpose() * right(rows[i]);
   }
-  divideByTransposed(diagonal(column), &x);
+  solveLowerTransposed(diagonal(column), &x);
 }
 
 std::optional<double> BlockSystem::lastVariance() const {

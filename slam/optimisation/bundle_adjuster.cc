@@ -5,8 +5,6 @@
 #include <limits>
 #include <utility>
 
-#include <Eigen/Cholesky>
-
 #include "slam/geometry/robust.h"
 
 namespace waymark::slam {
@@ -163,9 +161,7 @@ std::vector<std::size_t> BundleAdjuster::grossViews(const std::vector<double>& s
 }
 
 Matrix6d BundleAdjuster::markerCovariance(int marker) const {
-  const Matrix6d& H = equations_.H_marker[static_cast<std::size_t>(marker)];
-  if (H.isZero()) return Matrix6d::Zero();
-  return summary_.noise * summary_.noise * H.ldlt().solve(Matrix6d::Identity());
+  return poseCovariance(equations_.H_marker[static_cast<std::size_t>(marker)], summary_.noise);
 }
 
 Task<std::optional<double>> BundleAdjuster::readoutSigma_s(Allowance* allowance) {

@@ -3,8 +3,6 @@
 #include <span>
 #include <utility>
 
-#include <Eigen/Cholesky>
-
 #include "slam/rolling_shutter/rolling_shutter.h"
 
 namespace waymark::slam {
@@ -121,8 +119,7 @@ Matrix6d markerCovariance(const Map& map, int marker_id, double noise) {
   const auto whitened = inOneGo([&](Allowance* a) { return whitenCorners(problem, a); });
   const bool seen =
       inOneGo([&](Allowance* a) { return linearise(problem, whitened, kNoKernel, &equations, a); });
-  if (!seen || equations.H_marker[0].isZero()) return Matrix6d::Zero();
-  return noise * noise * equations.H_marker[0].ldlt().solve(Matrix6d::Identity());
+  return seen ? poseCovariance(equations.H_marker[0], noise) : Matrix6d(Matrix6d::Zero());
 }
 
 }  // namespace waymark::slam

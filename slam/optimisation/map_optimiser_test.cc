@@ -182,10 +182,7 @@ TEST_F(MapOptimiserTest, FitTellsCostNoiseAndCorners) {
 TEST_F(MapOptimiserTest, GrossViewsLeaveTheMap) {
   Map map = trueMap(0.05);
   const KeyframeId seen_by = map.viewsOf(5)[1];
-  MarkerDetection elsewhere = *map.keyframes().at(seen_by).find(5);
-  for (auto& corner : elsewhere.normalised) corner.x() += 20.0 / camera_.focalLength();
-  map.removeViews(5, {&seen_by, 1});
-  map.addView(seen_by, elsewhere);
+  testing::displaceView(seen_by, 5, 20.0 / camera_.focalLength(), &map);
   const std::size_t views = map.viewsOf(5).size();
   const BundleSummary summary = optimiseGlobally(&map, options_, kToTheEnd);
   EXPECT_EQ(summary.gated_views, 1);

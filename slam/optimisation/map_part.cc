@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <utility>
 
+#include "base/sorted.h"
+
 namespace waymark::slam {
 namespace {
 
@@ -69,8 +71,7 @@ MapRoles localMap(const Map& map, KeyframeId keyframe) {
     views.insert(views.end(), of_marker.begin(), of_marker.end());
   }
   views.insert(views.end(), near.begin(), near.end());
-  std::ranges::sort(views);
-  views.erase(std::unique(views.begin(), views.end()), views.end());
+  sortUnique(&views);
   for (const KeyframeId id : views) {
     roles.keyframes.push_back({id, !std::ranges::binary_search(near, id)});
   }
@@ -146,6 +147,15 @@ bool apply(const MapCorrection& correction, Map* map) {
     marker.covariance = corrected.covariance;
   }
   return true;
+}
+
+std::optional<Transform> applyAround(KeyframeId keyframe, const MapCorrection& correction,
+                                     Map* map) {
+  const auto found = map->keyframes().find(keyframe);
+  const bool is_there = found != map->keyframes().end();
+  const Transform T_was = is_there ? found->second.T_w_c : Transform{};
+  if (!apply(correction, map)) return std::nullopt;
+  return is_there ? found->second.T_w_c * T_was.inverse() : Transform{};
 }
 
 }  // namespace waymark::slam

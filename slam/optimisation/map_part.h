@@ -5,6 +5,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <deque>
+#include <optional>
 #include <vector>
 
 #include "base/task.h"
@@ -79,5 +80,9 @@ struct MapCorrection {
 // somewhere else by now, stays as it is. False, and nothing is done, when the map's coordinates are
 // not those of the part any more.
 bool apply(const MapCorrection& correction, Map* map);
+// The same; and what it did to a keyframe, T_now_was: the identity where the map has it no more.
+// Empty where nothing is done.
+std::optional<Transform> applyAround(KeyframeId keyframe, const MapCorrection& correction,
+                                     Map* map);
 
 }  // namespace waymark::slam

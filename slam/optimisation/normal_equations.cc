@@ -5,6 +5,8 @@
 #include <cmath>
 #include <cstddef>
 
+#include <Eigen/Cholesky>
+
 #include "slam/geometry/robust.h"
 
 namespace waymark::slam {
@@ -52,17 +54,6 @@ void differentiateByGlobals(const BundleProblem& problem, std::size_t o, std::si
   Eigen::Matrix2d J_seen = Eigen::Matrix2d::Identity();
   if (problem.lens) (void)problem.lens->seen_with.distort(seenAt(problem, o, k), &J_seen);
   J.rightCols<1>() = W * J_seen * problem.shutter->motion[o][k];
-}
-
-// Derivatives of the normalised projection by the point in the world.
-Matrix23d projectionJacobian(const Transform& T_w_c, const Eigen::Vector3d& p_c) {
-  const double iz = 1.0 / p_c.z();
-  const double x = p_c.x() * iz * iz;
-  const double y = p_c.y() * iz * iz;
-  Matrix23d J;
-  J.row(0) = (iz * T_w_c.R.col(0) - x * T_w_c.R.col(2)).transpose();
-  J.row(1) = (iz * T_w_c.R.col(1) - y * T_w_c.R.col(2)).transpose();
-  return J;
 }
 
 // Its corners in the camera's frame; false when one is behind it.
@@ -246,19 +237,20 @@ Task<std::vector<WhitenedCorners>> whitenCorners(const BundleProblem& problem,
   whitened.reserve(problem.observations.size());
   for (const auto& observation : problem.observations) {
     co_await allowance->spend(kWhiten);
-    WhitenedCorners corners;
-    for (std::size_t k = 0; k < 4; ++k) {
-      Eigen::Matrix2d covariance = observation.detection->covariance[k];
-      if (problem.lens) {
-        Eigen::Matrix2d J;
-        (void)problem.lens->seen_with.distort(observation.detection->normalised[k], &J);
-        covariance = J * covariance * J.transpose();
-      }
-      corners[k] = whitening(covariance);
+    std::array<Eigen::Matrix2d, 4> covariance = observation.detection->covariance;
+    for (std::size_t k = 0; problem.lens && k < 4; ++k) {
+      Eigen::Matrix2d J;
+      (void)problem.lens->seen_with.distort(observation.detection->normalised[k], &J);
+      covariance[k] = J * covariance[k] * J.transpose();
     }
-    whitened.push_back(corners);
+    whitened.push_back(whitening(covariance));
   }
   co_return whitened;
+}
+
+Matrix6d poseCovariance(const Matrix6d& H, double noise) {
+  if (H.isZero()) return Matrix6d::Zero();
+  return noise * noise * H.ldlt().solve(Matrix6d::Identity());
 }
 
 Task<bool> robustCost(const BundleProblem& problem, const std::vector<WhitenedCorners>& whitened,

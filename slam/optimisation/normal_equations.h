@@ -1,7 +1,6 @@
 // The normal equations of a bundle adjustment, kept in blocks; and the residuals alone. In slices.
 #pragma once
 
-#include <array>
 #include <vector>
 
 #include "base/task.h"
@@ -10,9 +9,7 @@
 
 namespace waymark::slam {
 
-// W^T W = covariance^-1 for each corner of an observation: of normalised coordinates, or of pixels
-// when the lens is an unknown.
-using WhitenedCorners = std::array<Eigen::Matrix2d, 4>;
+// Of each observation: of normalised coordinates, or of pixels when the lens is an unknown.
 Task<std::vector<WhitenedCorners>> whitenCorners(const BundleProblem& problem,
                                                  Allowance* allowance);
 
@@ -27,6 +24,10 @@ struct NormalEquations {
   GlobalVector g_global = GlobalVector::Zero();
   double cost = 0.0;
 };
+
+// Of a pose whose block is H, all else held, where the whitened residuals have that noise. Zero for
+// one that nothing observes.
+[[nodiscard]] Matrix6d poseCovariance(const Matrix6d& H, double noise);
 
 // Robust cost alone; false when a corner is behind its camera.
 Task<bool> robustCost(const BundleProblem& problem, const std::vector<WhitenedCorners>& whitened,

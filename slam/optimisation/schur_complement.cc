@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <utility>
 
+#include "slam/geometry/small_cholesky.h"
 #include "slam/optimisation/block_kernels.h"
 
 namespace waymark::slam {
@@ -142,14 +143,14 @@ bool SchurComplement::eliminate(std::size_t gone, const BundleProblem& problem,
                                 const NormalEquations& equations, double lambda) {
   Matrix6d& L = factor_[gone];
   L = damped(cameras_go_ ? equations.H_camera[gone] : equations.H_marker[gone], lambda);
-  if (!factoriseBlock(&L)) return false;
+  if (!factoriseCholesky(&L)) return false;
   Vector6d& right = right_[gone];
   right = cameras_go_ ? equations.g_camera[gone] : equations.g_marker[gone];
-  divide(L, &right);
+  solveLower(L, &right);
   if (problem.hasGlobals()) {
     PoseGlobalMatrix& G = global_[gone];
     G = cameras_go_ ? equations.H_camera_global[gone] : equations.H_marker_global[gone];
-    divide(L, &G);
+    solveLower(L, &G);
     reduced_.globals().noalias() -= G.transpose() * G;
     reduced_.globalRight().noalias() += G.transpose() * right;
   }
@@ -181,7 +182,7 @@ void SchurComplement::substitute(std::size_t gone, bool with_globals, const Glob
     x.noalias() -= Z_[v].transpose() * reduced_.right(views_[v].position);
   }
   if (with_globals) x.noalias() -= global_[gone] * globals;
-  divideByTransposed(factor_[gone], &x);
+  solveLowerTransposed(factor_[gone], &x);
   *step = x;
 }
 

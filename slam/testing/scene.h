@@ -24,6 +24,14 @@ inline Transform disturbed(const Transform& T, double sigma, std::mt19937* rng) 
   return T.retract(delta);
 }
 
+// Moves what a keyframe saw of a marker to the right, in normalised coordinates.
+inline void displaceView(KeyframeId keyframe, int marker, double right, Map* map) {
+  MarkerDetection elsewhere = *map->keyframes().at(keyframe).find(marker);
+  for (auto& corner : elsewhere.normalised) corner.x() += right;
+  map->removeViews(marker, {&keyframe, 1});
+  map->addView(keyframe, elsewhere);
+}
+
 // `count` markers all round a room, on a cylinder of the given radius about the world's z axis,
 // each turned a little away from the middle and a little up or down; ids counter-clockwise from the
 // x axis.

@@ -110,6 +110,12 @@ std::optional<double> PoseOptimiser::markerChi2(const KnownMarker& marker, const
   return chi2;
 }
 
+bool PoseOptimiser::explains(const KnownMarker& marker, const Transform& T_w_c,
+                             double noise) const {
+  const auto chi2 = markerChi2(marker, T_w_c);
+  return chi2 && *chi2 <= options_.marker_chi2 * noise * noise;
+}
+
 double PoseOptimiser::rmsPx(const KnownMarker& marker, const Transform& T_w_c) const {
   double squared = 0.0;
   for (std::size_t k = 0; k < 4; ++k) {

@@ -58,6 +58,9 @@ class PoseOptimiser {
   // Sum of the whitened squared residuals of one marker (8 of them); empty behind the camera.
   [[nodiscard]] static std::optional<double> markerChi2(const KnownMarker& marker,
                                                         const Transform& T_w_c);
+  // Whether a pose explains it; noise: of the residuals, in units of the corners' own.
+  [[nodiscard]] bool explains(const KnownMarker& marker, const Transform& T_w_c,
+                              double noise) const;
 
  private:
   [[nodiscard]] double rmsPx(const KnownMarker& marker, const Transform& T_w_c) const;

@@ -37,7 +37,7 @@ TEST(Reprojection, JacobiansMatchFiniteDifferences) {
   const Transform T_w_m = testing::markerFacing({0.1, 3.0, 0.2}, {0.5, 0.0, 0.0});
   const Eigen::Vector3d corner(0.06, -0.06, 0.0);
   const auto project = [&](const Transform& c, const Transform& m) {
-    Projection p;
+    Projection p{Eigen::Vector2d::Zero(), Matrix23d::Zero()};
     EXPECT_TRUE(projectPoint(c, m * corner, &p));
     return p.normalised;
   };
