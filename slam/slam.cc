@@ -69,7 +69,7 @@ class Slam::Impl {
     ++counters_.frames;
     FrameResult result;
     result.detections = detections;
-    {
+    if (workIsDone()) {
       const StageScope scope(observer, Stage::kMap);
       collectWork(&result);
     }
@@ -83,14 +83,12 @@ class Slam::Impl {
         const StageScope scope(observer, Stage::kTrack);
         track(&sight, &result);
       }
-      if (result.pose && options_.mapping) {
-        const StageScope scope(observer, Stage::kMap);
-        loops_.meet(map_, mapper_.noise(), &sight);  // section 4.9
-        updateMap(&sight, &result);
-      }
       if (options_.mapping) {
         const StageScope scope(observer, Stage::kMap);
-        work(options_.work_per_frame);
+        if (result.pose) loops_.meet(map_, mapper_.noise(), &sight);  // section 4.9
+        // A new keyframe is as much as a frame has to spend.
+        const bool grown = result.pose && updateMap(&sight, &result);
+        work(grown ? 0.0 : options_.work_per_frame);
       }
     }
     if (result.pose) ++counters_.localized;
@@ -153,6 +151,10 @@ class Slam::Impl {
     }
     sortUnique(&expected_ids_);
     slam::expectMarkers(map_, expected_ids_, *before, *now, &expected_);
+  }
+
+  [[nodiscard]] bool workIsDone() const {
+    return mapper_.isDone() || readout_.isDone() || loops_.isDone();
   }
 
   // What was under way and is done goes into the map before the next frame is tracked in it.
@@ -314,8 +316,9 @@ class Slam::Impl {
     sortById(&sight->fitting);
   }
 
-  // Sections 4.2 and 4.4 to 4.7, and what the watch has noticed.
-  void updateMap(Sight* sight, FrameResult* result) {
+  // Sections 4.2 and 4.4 to 4.7, and what the watch has noticed. True when there is one more
+  // keyframe.
+  bool updateMap(Sight* sight, FrameResult* result) {
     bool changed = watch_.refuseDoubled(&map_, &counters_);
     if (loops_.haveMoved(map_, *sight))
       changed = watch_.quarantineMoved(&map_, &counters_) || changed;
@@ -326,8 +329,10 @@ class Slam::Impl {
       });
       result->map_changed = true;
     }
-    if (!sight->fitting.empty() && mapper_.update(sight->frameAt(result->pose->T_w_c),
-                                                  sight->closes_loop, &map_, &counters_)) {
+    const bool grown =
+        !sight->fitting.empty() &&
+        mapper_.update(sight->frameAt(result->pose->T_w_c), sight->closes_loop, &map_, &counters_);
+    if (grown) {
       result->map_changed = result->keyframe_added = true;
       for (const MarkerDetection& detection : sight->fitting) {
         watch_.checkReturned(detection.id, &map_, &counters_);
@@ -336,6 +341,7 @@ class Slam::Impl {
     const Transform& T_w_c = result->pose->T_w_c;
     const double depth_m = medianDepth(sight->known.eligible, T_w_c).value_or(1.0);
     loop_detector_.follow(map_, sight->fitting, T_w_c, depth_m, options_.mapper.keyframes);
+    return grown;
   }
 
   Options options_;

@@ -17,6 +17,11 @@ constexpr int kWindow = 16;
 constexpr int kBefore = 7;         // of the window's rows before the upper of two rows
 constexpr int kColumnsBefore = 8;  // of its columns before the pixel
 
+// Adds a row to the columns' sums.
+WAYMARK_VECTORISED void add(const std::uint8_t* in, int width, std::uint16_t* column) {
+  for (int x = 0; x < width; ++x) column[x] = static_cast<std::uint16_t>(column[x] + in[x]);
+}
+
 // Adds two rows to the columns' sums and takes two others away.
 WAYMARK_VECTORISED void slide(const std::uint8_t* in_1, const std::uint8_t* in_2,
                               const std::uint8_t* out_1, const std::uint8_t* out_2, int width,
@@ -130,10 +135,7 @@ std::span<const DarkMask> DarkMaskMaker::make(const ImageView& image) {
   const auto rowNear = [&](int y) { return image.row(std::clamp(y, 0, height_ - 1)); };
   std::uint16_t* const column = column_.data() + kWindow;
   std::fill(column_.begin(), column_.end(), std::uint16_t{0});
-  for (int y = -kBefore; y < kWindow - kBefore; ++y) {
-    const std::uint8_t* row = rowNear(y);
-    for (int x = 0; x < width_; ++x) column[x] = static_cast<std::uint16_t>(column[x] + row[x]);
-  }
+  for (int y = -kBefore; y < kWindow - kBefore; ++y) add(rowNear(y), width_, column);
   for (int y = 0; y < height_; y += 2) {
     if (y > 0) {
       const int out = y - kBefore - 2;

@@ -14,7 +14,7 @@
 #include "slam/detection/marker_detection.h"
 #include "slam/detection/quad_scanner.h"
 #include "slam/detection/reduced_image.h"
-#include "slam/detection/scan_turns.h"
+#include "slam/detection/window.h"
 #include "slam/geometry/camera_model.h"
 
 namespace waymark::slam {

@@ -31,7 +31,8 @@ MarkerFollower::MarkerFollower(const CameraModel& camera, Dictionary dictionary,
                                const DetectorOptions& detector, const FollowerOptions& options)
     : options_(options),
       detector_(camera, std::move(dictionary), detector),
-      turns_(camera.width(), camera.height(), options.turns) {}
+      turns_(camera.width(), camera.height(), options.turns),
+      border_(camera.width(), camera.height(), turns_.coarsest(), options.turns.overlap_px) {}
 
 const std::vector<MarkerDetection>& MarkerFollower::find(const ImageView& image,
                                                          std::int64_t time_ns,
@@ -39,6 +40,7 @@ const std::vector<MarkerDetection>& MarkerFollower::find(const ImageView& image,
   const double interval_s = 1e-9 * static_cast<double>(time_ns - time_ns_);
   time_ns_ = time_ns;
   detector_.begin();
+  const std::span<const ScanTurn> entered = border_.next(image);
   const bool may_follow = options_.enabled && interval_s > 0.0 && !followed_.empty();
   const bool followed = may_follow && follow(image, expected, interval_s);
   if (!followed) detector_.begin();  // without what was found by chance
@@ -47,7 +49,8 @@ const std::vector<MarkerDetection>& MarkerFollower::find(const ImageView& image,
   mode_ = followed && !fast ? SearchMode::kFollowing : SearchMode::kFullScan;
   if (mode_ == SearchMode::kFollowing) {
     lookForNewcomers(image, expected);
-    for (const ScanTurn& turn : turns_.next(interval_s, flow_px)) detector_.scan(image, turn);
+    for (const ScanTurn& turn : entered) detector_.scan(image, turn);
+    for (const ScanTurn& turn : turns_.next(interval_s)) detector_.scan(image, turn);
   } else {
     detector_.scan(image, {{0, 0, image.width, image.height}, 1});
   }

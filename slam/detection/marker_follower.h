@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "base/image_view.h"
+#include "slam/detection/border_watch.h"
 #include "slam/detection/marker_detector.h"
 #include "slam/detection/scan_turns.h"
 
@@ -80,6 +81,7 @@ class MarkerFollower {
   FollowerOptions options_;
   MarkerDetector detector_;
   ScanTurns turns_;
+  BorderWatch border_;
   SearchMode mode_ = SearchMode::kFullScan;
   std::int64_t time_ns_ = 0;
   std::vector<Followed> followed_;

@@ -35,9 +35,13 @@ struct LineMoments {
   [[nodiscard]] Eigen::Vector3d line() const {
     const Eigen::Vector2d mean = first / length;
     const Eigen::Matrix2d scatter = second / length - mean * mean.transpose();
-    const double along = 0.5 * std::atan2(2.0 * scatter(0, 1), scatter(0, 0) - scatter(1, 1));
-    const Eigen::Vector2d normal(-std::sin(along), std::cos(along));
-    return {normal.x(), normal.y(), -normal.dot(mean)};
+    // The eigenvector of the larger eigenvalue, from the row that does not cancel.
+    const double half = 0.5 * (scatter(0, 0) - scatter(1, 1));
+    const double root = std::sqrt(half * half + scatter(0, 1) * scatter(0, 1));
+    Eigen::Vector2d along = half > 0.0 ? Eigen::Vector2d(half + root, scatter(0, 1))
+                                       : Eigen::Vector2d(scatter(0, 1), root - half);
+    along.normalize();
+    return {-along.y(), along.x(), along.y() * mean.x() - along.x() * mean.y()};
   }
 };
 

@@ -4,6 +4,14 @@
 #include <cmath>
 
 namespace waymark::slam {
+namespace {
+
+// At the size it is searched at.
+double pixelsOf(const ScanTurn& turn) {
+  return static_cast<double>(turn.window.width) * turn.window.height / (turn.factor * turn.factor);
+}
+
+}  // namespace
 
 ScanTurns::ScanTurns(int width, int height, const ScanTurnsOptions& options)
     : options_(options), width_(width), height_(height) {
@@ -11,65 +19,51 @@ ScanTurns::ScanTurns(int width, int height, const ScanTurnsOptions& options)
   while (height / (2 * factor) >= options.least_height_px) factor *= 2;
   // Not all of them in the same frame.
   for (; factor >= 1; factor /= 2) levels_.push_back({.factor = factor, .credit = factor});
-  constexpr std::size_t kStrips = 4;  // of two sizes along two borders
-  due_.reserve(levels_.size() + kStrips);
+  due_.reserve(levels_.size());
 }
 
-std::span<const ScanTurn> ScanTurns::next(double interval_s, const Eigen::Vector2d& flow_px) {
+// Parts of reduced images when it is their turn. Every frame has as many pixels to spend as all of
+// them need on average: where those took more, the small markers' parts wait.
+std::span<const ScanTurn> ScanTurns::next(double interval_s) {
   due_.clear();
-  if (frame_ == 0) {
-    constexpr int kMostFrames = 64;
-    const double frames = interval_s > 0.0 ? options_.round_s / interval_s : kMostFrames;
-    frames_ = static_cast<int>(std::clamp(frames, 1.0, double{kMostFrames}));
-    for (Level& level : levels_) {
-      divide(&level, level.factor == 1 ? kSmallRounds * frames_ : frames_);
-    }
-  }
+  if (frame_ == 0) beginRound(interval_s);
   if (frames_ == 1) {
     due_.push_back({{0, 0, width_, height_}, 1});
     return due_;
   }
-  addStrips(flow_px);
+  for (const Level& level : levels_) unspent_px_ += level.px_per_frame;
   for (Level& level : levels_) {
-    // Evenly over the frames of its round.
     const int parts = level.columns * level.rows;
-    const int frames = level.factor == 1 ? kSmallRounds * frames_ : frames_;
     level.credit += parts;
-    if (level.credit < frames) continue;
-    level.credit -= frames;
+    if (level.credit < level.frames || (level.factor == 1 && unspent_px_ <= 0.0)) continue;
+    level.credit -= level.frames;
     due_.push_back(partOf(level));
+    unspent_px_ -= pixelsOf(due_.back());
     level.part = (level.part + 1) % parts;
   }
   frame_ = (frame_ + 1) % frames_;
   return due_;
 }
 
-// What has come into view lies along the border that the scene comes over. Large markers take
-// longer to, so every other frame will do for them.
-void ScanTurns::addStrips(const Eigen::Vector2d& flow_px) {
-  constexpr double kStill = 0.5;  // pixels a frame: its turn comes before much has come into view
-  for (const int factor : {4, 2, 1}) {
-    const bool due = factor == 1 || (factor == 2) == (frame_ % 2 == 0);
-    if (!due || factor > levels_.front().factor) continue;
-    const int across = factor * options_.overlap_px;
-    if (std::abs(flow_px.x()) > kStill && across < width_) {
-      due_.push_back({{flow_px.x() > 0.0 ? 0 : width_ - across, 0, across, height_}, factor});
-    }
-    if (std::abs(flow_px.y()) > kStill && across < height_) {
-      due_.push_back({{0, flow_px.y() > 0.0 ? 0 : height_ - across, width_, across}, factor});
-    }
-  }
+void ScanTurns::beginRound(double interval_s) {
+  constexpr int kMostFrames = 64;
+  const double frames = interval_s > 0.0 ? options_.round_s / interval_s : kMostFrames;
+  frames_ = static_cast<int>(std::clamp(frames, 1.0, double{kMostFrames}));
+  for (Level& level : levels_) divide(&level, level.factor == 1 ? kSmallRounds * frames_ : frames_);
 }
 
-// About as many parts, never more, as near to squares as they get; but not so small that they are
-// mostly overlap.
-void ScanTurns::divide(Level* level, int parts) const {
+// Into about as many parts as there are frames, never more, as near to squares as they get; but not
+// so small that they are mostly overlap.
+void ScanTurns::divide(Level* level, int frames) const {
   const double aspect = static_cast<double>(width_) / height_;
   const int least = 3 * options_.overlap_px * level->factor;
-  const int rows = std::clamp(static_cast<int>(std::lround(std::sqrt(parts / aspect))), 1, parts);
+  const int rows = std::clamp(static_cast<int>(std::lround(std::sqrt(frames / aspect))), 1, frames);
   level->rows = std::clamp(height_ / least, 1, rows);
-  level->columns = std::clamp(width_ / least, 1, parts / rows);
-  level->part %= level->columns * level->rows;
+  level->columns = std::clamp(width_ / least, 1, frames / rows);
+  level->frames = frames;
+  const int parts = level->columns * level->rows;
+  level->part %= parts;
+  level->px_per_frame = pixelsOf(partOf(*level)) * parts / frames;
 }
 
 ScanTurn ScanTurns::partOf(const Level& level) const {

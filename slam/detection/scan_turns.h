@@ -5,16 +5,9 @@
 #include <span>
 #include <vector>
 
-#include <Eigen/Core>
-
 #include "slam/detection/window.h"
 
 namespace waymark::slam {
-
-struct ScanTurn {
-  Window window;   // of the whole image
-  int factor = 1;  // searched at 1/factor of its size
-};
 
 struct ScanTurnsOptions {
   // A marker that appears is found within this time, seconds; one that is only a few times the
@@ -22,7 +15,7 @@ struct ScanTurnsOptions {
   double round_s = 0.1;
   // Parts overlap by this many pixels at the size they are searched at: a marker up to that size is
   // whole in one of them, and a larger one is found at half that size.
-  int overlap_px = 48;
+  int overlap_px = 40;
   // No further halving below this height, pixels.
   int least_height_px = 120;
 };
@@ -33,10 +26,11 @@ class ScanTurns {
 
   ScanTurns(int width, int height, const ScanTurnsOptions& options = {});
 
-  // The parts that are due, coarse before fine; with them the strips along the borders over which
-  // the scene comes into view. interval_s: since the frame before; flow_px: how the scene moved in
-  // the image since. Valid until the next call.
-  std::span<const ScanTurn> next(double interval_s, const Eigen::Vector2d& flow_px);
+  // The parts whose turn it is, as evenly as may be from frame to frame. interval_s: since the
+  // frame before. Valid until the next call.
+  std::span<const ScanTurn> next(double interval_s);
+  // The largest factor.
+  [[nodiscard]] int coarsest() const { return levels_.front().factor; }
 
  private:
   // The image at one size, in parts of a grid that have their turns one after the other.
@@ -44,19 +38,22 @@ class ScanTurns {
     int factor = 1;
     int columns = 1;
     int rows = 1;
+    int frames = 1;  // that a round of them takes
     int part = 0;    // whose turn is next
-    int credit = 0;  // parts times frames since the last turn: one is due at the frames of a round
+    int credit = 0;  // parts times frames since the last turn: one is due at `frames`
+    double px_per_frame = 0.0;
   };
 
-  void divide(Level* level, int parts) const;
+  void beginRound(double interval_s);
+  void divide(Level* level, int frames) const;
   [[nodiscard]] ScanTurn partOf(const Level& level) const;
-  void addStrips(const Eigen::Vector2d& flow_px);
 
   ScanTurnsOptions options_;
   int width_;
   int height_;
   int frames_ = 1;             // a round has
   int frame_ = 0;              // within the round
+  double unspent_px_ = 0.0;    // of what frames have to spend on turns
   std::vector<Level> levels_;  // coarse before fine
   std::vector<ScanTurn> due_;
 };

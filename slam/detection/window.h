@@ -18,6 +18,12 @@ struct Window {
   int height = 0;
 };
 
+// A part that is to be searched.
+struct ScanTurn {
+  Window window;   // of the whole image
+  int factor = 1;  // searched at 1/factor of its size
+};
+
 [[nodiscard]] inline ImageView partOf(const ImageView& image, const Window& window) {
   return {image.row(window.top) + window.left, window.width, window.height, image.stride};
 }

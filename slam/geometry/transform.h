@@ -4,7 +4,9 @@
 // T_w_m = T_w_c * T_c_m. Seed 1, Eq. 1-7, with R and t kept apart instead of a 4x4 matrix.
 #pragma once
 
+#include <algorithm>
 #include <cmath>
+#include <numbers>
 
 #include <Eigen/Core>
 #include <Eigen/Geometry>
@@ -82,7 +84,8 @@ struct Transform {
 
 // Angle between two orientations, in radians, in [0, pi].
 [[nodiscard]] inline double rotationDistance(const Eigen::Matrix3d& A, const Eigen::Matrix3d& B) {
-  return logSo3(A.transpose() * B).norm();
+  // The chord between them: |A - B| = 2 sqrt(2) sin(angle / 2).
+  return 2.0 * std::asin(std::min(1.0, (A - B).norm() / (2.0 * std::numbers::sqrt2)));
 }
 
 }  // namespace waymark::slam

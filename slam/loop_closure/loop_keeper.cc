@@ -46,7 +46,7 @@ void LoopKeeper::work(double units) {
 }
 
 std::optional<Transform> LoopKeeper::collect(Map* map) {
-  if (!work_ || !work_->task.done()) return std::nullopt;
+  if (!isDone()) return std::nullopt;
   const LoopOutcome outcome = work_->task.take();
   const Facts facts = work_->facts;
   work_.reset();

@@ -44,6 +44,7 @@ class LoopKeeper {
   // Puts a closure that is done into the map. What that did to where the camera is, T_now_was;
   // empty when there is none, it was refused, or came too late.
   std::optional<Transform> collect(Map* map);
+  [[nodiscard]] bool isDone() const { return work_ && work_->task.done(); }
   [[nodiscard]] bool idle() const { return !work_; }
   // What is under way is of no use any more: tracking was lost.
   void forget() { work_.reset(); }

@@ -64,7 +64,7 @@ double Mapper::work(double units, const Map& map) {
 }
 
 std::optional<Transform> Mapper::collect(Map* map, Counters* counters) {
-  if (!local_ || !local_->done()) return std::nullopt;
+  if (!isDone()) return std::nullopt;
   const MapCorrection correction = local_->take();
   local_.reset();
   const auto T_now_was = applyAround(local_keyframe_, correction, map);

@@ -42,6 +42,7 @@ class Mapper {
   // Puts a local optimisation that is done into the map. What that did to the keyframe it was for:
   // T_now_was; empty when none is done.
   std::optional<Transform> collect(Map* map, Counters* counters);
+  [[nodiscard]] bool isDone() const { return local_ && local_->done(); }
   // Nothing is wanted, and nothing waits to be collected.
   [[nodiscard]] bool idle() const { return !local_ && !wanted_; }
 

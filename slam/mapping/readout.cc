@@ -50,7 +50,7 @@ std::optional<Transform> Readout::collect(const CameraModel& camera,
     });
     return Transform{};
   }
-  if (!whole_ || !whole_->done()) return std::nullopt;
+  if (!isDone()) return std::nullopt;
   const MapCorrection correction = whole_->take();
   whole_.reset();
   if (correction.keyframes.empty()) return std::nullopt;

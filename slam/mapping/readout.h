@@ -39,6 +39,9 @@ class Readout {
   // T_now_was; empty when nothing has changed.
   std::optional<Transform> collect(const CameraModel& camera, const BundleOptions& optimisation,
                                    Map* map);
+  [[nodiscard]] bool isDone() const {
+    return (estimate_ && estimate_->done()) || (whole_ && whole_->done());
+  }
   // Nothing is under way or due.
   [[nodiscard]] bool idle(const Map& map) const { return !estimate_ && !whole_ && !isDue(map); }
 

@@ -100,10 +100,8 @@ std::optional<MinimisedPose> refine(const Transform& start,
   });
 }
 
-}  // namespace
-
-std::optional<SquarePose> estimateSquarePose(const MarkerDetection& detection, double size_m,
-                                             double focal_px, const SquarePoseOptions& options) {
+// Both IPPE solutions, unrefined.
+std::optional<std::array<Transform, 2>> ippePoses(const MarkerDetection& detection, double size_m) {
   const auto from_unit = homographyFromUnitSquare(detection.normalised);
   if (!from_unit) return std::nullopt;
   // Marker coordinates (x right, y up, origin at the centre) to the unit square (v down).
@@ -112,14 +110,33 @@ std::optional<SquarePose> estimateSquarePose(const MarkerDetection& detection, d
   const auto rotations = ippeRotations(*from_unit * unit_from_marker);
   if (!rotations) return std::nullopt;
 
-  const WhitenedCorners W = whitening(detection.covariance);
   const std::array<Eigen::Vector3d, 4> corners = markerCorners(size_m);
-  std::array<Transform, 2> starts;
-  std::array<MinimisedPose, 2> refined;
+  std::array<Transform, 2> poses;
   for (std::size_t k = 0; k < 2; ++k) {
     const Eigen::Matrix3d& R = (*rotations)[k];
-    starts[k] = {R, translationFor(R, corners, detection.normalised)};
-    const auto found = refine(starts[k], corners, detection, W, options.refinement_iterations);
+    poses[k] = {R, translationFor(R, corners, detection.normalised)};
+  }
+  return poses;
+}
+
+// Where the second solution is no minimum of its own, refinement slides it into the first; the
+// unrefined one then stands for the alternative.
+bool areSame(const Transform& a, const Transform& b) {
+  constexpr double kSameRotation = 0.01;  // radians
+  return rotationDistance(a.R, b.R) < kSameRotation;
+}
+
+}  // namespace
+
+std::optional<SquarePose> estimateSquarePose(const MarkerDetection& detection, double size_m,
+                                             double focal_px, const SquarePoseOptions& options) {
+  const auto starts = ippePoses(detection, size_m);
+  if (!starts) return std::nullopt;
+  const WhitenedCorners W = whitening(detection.covariance);
+  const std::array<Eigen::Vector3d, 4> corners = markerCorners(size_m);
+  std::array<MinimisedPose, 2> refined;
+  for (std::size_t k = 0; k < 2; ++k) {
+    const auto found = refine((*starts)[k], corners, detection, W, options.refinement_iterations);
     if (!found) return std::nullopt;
     refined[k] = *found;
   }
@@ -128,16 +145,24 @@ std::optional<SquarePose> estimateSquarePose(const MarkerDetection& detection, d
   SquarePose pose;
   pose.T_c_m = {refined[best].T, refined[other].T};
   pose.error = {refined[best].normal.cost, refined[other].normal.cost};
-  // Where the second solution is no minimum of its own, refinement slides it into the first; the
-  // unrefined one then stands for the alternative.
-  constexpr double kSameRotation = 0.01;  // radians
-  if (rotationDistance(pose.T_c_m[0].R, pose.T_c_m[1].R) < kSameRotation) {
-    pose.T_c_m[1] = starts[other];
+  if (areSame(pose.T_c_m[0], pose.T_c_m[1])) {
+    pose.T_c_m[1] = (*starts)[other];
     pose.error[1] = std::max(pose.error[0], refined[other].start_cost);
   }
   const double floor = comparisonFloor(cornerVariance(detection), focal_px, 1, options);
   pose.ratio = (pose.error[1] + floor) / (pose.error[0] + floor);
   return pose;
+}
+
+std::optional<Transform> otherSquarePose(const MarkerDetection& detection, double size_m,
+                                         const Transform& T_c_m, const SquarePoseOptions& options) {
+  const auto starts = ippePoses(detection, size_m);
+  if (!starts) return std::nullopt;
+  const auto [a, b] = *starts;
+  const Transform& start = rotationDistance(a.R, T_c_m.R) < rotationDistance(b.R, T_c_m.R) ? b : a;
+  const auto refined = refine(start, markerCorners(size_m), detection,
+                              whitening(detection.covariance), options.refinement_iterations);
+  return refined && !areSame(refined->T, T_c_m) ? refined->T : start;
 }
 
 }  // namespace waymark::slam

@@ -58,4 +58,10 @@ struct SquarePose {
                                                            double size_m, double focal_px,
                                                            const SquarePoseOptions& options = {});
 
+// Where the marker is known to be at T_c_m: the pose that its corners alone would take for another
+// one. Empty for corners that are not the convex image of a square.
+[[nodiscard]] std::optional<Transform> otherSquarePose(const MarkerDetection& detection,
+                                                       double size_m, const Transform& T_c_m,
+                                                       const SquarePoseOptions& options = {});
+
 }  // namespace waymark::slam

@@ -35,6 +35,7 @@ MarkerWatch::Sifted MarkerWatch::sift(std::span<const MarkerDetection> detection
   Sifted sifted;
   std::vector<MarkerDetection>& usable = sifted.usable;
   std::vector<int>& doubled = sifted.doubled;
+  usable.reserve(detections.size());
   std::copy_if(detections.begin(), detections.end(), std::back_inserter(usable),
                [&](const MarkerDetection& d) { return !markers_.isIgnored(d.id); });
   sortById(&usable);

@@ -97,14 +97,14 @@ double poseAmbiguity(const PoseSolution& solution, std::span<const KnownMarker> 
                                         [](const KnownMarker& a, const KnownMarker& b) {
                                           return imageArea(*a.detection) < imageArea(*b.detection);
                                         });
-  const auto pose = estimateSquarePose(*largest->detection, largest->size_m, focal_px, square);
-  if (!pose) return 1.0;
-  if (markers.size() == 1) return pose->ratio;
-  const Transform T_c_m = solution.T_w_c.inverse() * largest->T_w_m;
-  const std::size_t other =
-      rotationDistance(T_c_m.R, pose->T_c_m[0].R) < rotationDistance(T_c_m.R, pose->T_c_m[1].R) ? 1
-                                                                                                : 0;
-  const Transform T_w_c = largest->T_w_m * pose->T_c_m[other].inverse();
+  if (markers.size() == 1) {
+    const auto pose = estimateSquarePose(*largest->detection, largest->size_m, focal_px, square);
+    return pose ? pose->ratio : 1.0;
+  }
+  const auto other = otherSquarePose(*largest->detection, largest->size_m,
+                                     solution.T_w_c.inverse() * largest->T_w_m, square);
+  if (!other) return 1.0;
+  const Transform T_w_c = largest->T_w_m * other->inverse();
   double cost = 0.0;
   for (std::size_t i = 0; i < markers.size(); ++i) {
     if (!solution.inlier[i]) continue;
