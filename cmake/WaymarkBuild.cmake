@@ -20,6 +20,10 @@ add_library(waymark_flags INTERFACE)
 target_compile_options(waymark_flags INTERFACE
   -Wall -Wextra -Wpedantic -Wshadow -Wnon-virtual-dtor -Wcast-align -Woverloaded-virtual
   -fno-math-errno -fno-trapping-math)
+if(CMAKE_SYSTEM_PROCESSOR MATCHES "aarch64|arm64")
+  # As on x86-64, where a portable program has no fused multiplication and addition.
+  target_compile_options(waymark_flags INTERFACE -ffp-contract=off)
+endif()
 target_include_directories(waymark_flags INTERFACE "${PROJECT_SOURCE_DIR}" "${PROJECT_BINARY_DIR}")
 if(WAYMARK_SANITIZE)
   # The last -O and -g win: a report needs lines, not variables, and such builds are slow enough.

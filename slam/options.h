@@ -32,7 +32,7 @@ struct Options {
   // What a frame may spend on optimisations and loop closures, which go on over as many frames as
   // they take: counted, not timed, a unit being what took a microsecond on a core of 3 GHz. More is
   // done sooner, less is steadier.
-  double work_per_frame = 250.0;
+  double work_per_frame = 150.0;
   BundleOptions global_optimisation{.max_iterations = 50, .min_relative_decrease = 1e-6};
   IntrinsicPriors intrinsics;
 

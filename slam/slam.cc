@@ -73,21 +73,22 @@ class Slam::Impl {
       const StageScope scope(observer, Stage::kMap);
       collectWork(&result);
     }
-    std::vector<MarkerDetection> usable = watch_.screen(detections, camera_, map_, &counters_);
+    sight_.time = time;
+    watch_.screen(detections, camera_, map_, &sight_.detections, &counters_);
     if (map_.empty()) {
       const StageScope scope(observer, Stage::kMap);
-      initialise(usable, time, &result);
+      initialise(sight_.detections, time, &result);
     } else {
-      Sight sight = look(std::move(usable), time);
+      look();
       {
         const StageScope scope(observer, Stage::kTrack);
-        track(&sight, &result);
+        track(&sight_, &result);
       }
       if (options_.mapping) {
         const StageScope scope(observer, Stage::kMap);
-        if (result.pose) loops_.meet(map_, mapper_.noise(), &sight);  // section 4.9
+        if (result.pose) loops_.meet(map_, mapper_.noise(), &sight_);  // section 4.9
         // A new keyframe is as much as a frame has to spend.
-        const bool grown = result.pose && updateMap(&sight, &result);
+        const bool grown = result.pose && updateMap(&sight_, &result);
         work(grown ? 0.0 : options_.work_per_frame);
       }
     }
@@ -192,19 +193,20 @@ class Slam::Impl {
 
   [[nodiscard]] bool idle() const { return mapper_.idle() && readout_.idle(map_) && loops_.idle(); }
 
-  [[nodiscard]] Sight look(std::vector<MarkerDetection> usable, const FrameTime& time) const {
-    Sight sight;
-    sight.time = time;
-    sight.detections = std::move(usable);
-    if (const auto predicted = tracker_.predict(time.monotonic_ns)) {
-      deskew(*predicted, tracker_.twistTo(*predicted, time.monotonic_ns), &sight.detections);
+  // What sight_'s detections are good for.
+  void look() {
+    sight_.fitting.clear();
+    sight_.closes_loop = false;
+    const std::int64_t now_ns = sight_.time.monotonic_ns;
+    if (const auto predicted = tracker_.predict(now_ns)) {
+      deskew(*predicted, tracker_.twistTo(*predicted, now_ns), &sight_.detections);
     }
-    split(&sight);
-    return sight;
+    split(&sight_);
   }
 
-  void split(Sight* sight) const {
-    sight->known = loop_detector_.split(knownMarkers(map_, sight->detections));
+  void split(Sight* sight) {
+    findKnownMarkers(map_, sight->detections, &known_);
+    loop_detector_.split(known_, &sight->known);
     // Nothing eligible: not a closing loop, but another place. Relocalise there.
     if (sight->known.eligible.empty()) std::swap(sight->known.eligible, sight->known.loop);
   }
@@ -320,8 +322,9 @@ class Slam::Impl {
   // keyframe.
   bool updateMap(Sight* sight, FrameResult* result) {
     bool changed = watch_.refuseDoubled(&map_, &counters_);
-    if (loops_.haveMoved(map_, *sight))
+    if (loops_.haveMoved(map_, *sight)) {
       changed = watch_.quarantineMoved(&map_, &counters_) || changed;
+    }
     if (changed) {
       std::erase_if(sight->fitting, [&](const MarkerDetection& d) {
         const MapMarker* marker = map_.find(d.id);
@@ -329,17 +332,17 @@ class Slam::Impl {
       });
       result->map_changed = true;
     }
-    const bool grown =
-        !sight->fitting.empty() &&
-        mapper_.update(sight->frameAt(result->pose->T_w_c), sight->closes_loop, &map_, &counters_);
+    const Transform& T_w_c = result->pose->T_w_c;
+    const bool grown = !sight->fitting.empty() &&
+                       (sight->closes_loop || mapper_.wants(sight->fitting, T_w_c, map_));
     if (grown) {
+      mapper_.insert(sight->frameAt(T_w_c), &map_, &counters_);
       result->map_changed = result->keyframe_added = true;
       for (const MarkerDetection& detection : sight->fitting) {
         watch_.checkReturned(detection.id, &map_, &counters_);
       }
     }
-    const Transform& T_w_c = result->pose->T_w_c;
-    const double depth_m = medianDepth(sight->known.eligible, T_w_c).value_or(1.0);
+    const double depth_m = medianDepth(map_, sight->fitting, T_w_c).value_or(1.0);
     loop_detector_.follow(map_, sight->fitting, T_w_c, depth_m, options_.mapper.keyframes);
     return grown;
   }
@@ -358,6 +361,8 @@ class Slam::Impl {
   PastFrameLocator locator_;
   Map map_;
   // Reused from frame to frame.
+  Sight sight_;
+  std::vector<KnownMarker> known_;
   std::vector<int> expected_ids_;
   std::vector<ExpectedMarker> expected_;
   KeyframeId last_old_keyframe_;  // of the map given at the start; -1 for none

@@ -24,8 +24,7 @@ bool undistortCorners(const CameraModel& camera, MarkerDetection* detection) {
 }
 
 void sortById(std::vector<MarkerDetection>* detections) {
-  std::stable_sort(detections->begin(), detections->end(),
-                   [](const MarkerDetection& a, const MarkerDetection& b) { return a.id < b.id; });
+  std::ranges::sort(*detections, {}, &MarkerDetection::id);
 }
 
 }  // namespace waymark::slam

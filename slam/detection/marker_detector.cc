@@ -21,6 +21,8 @@ double diagonalOf(const Quad& quad) { return (quad[2] - quad[0]).norm(); }
 
 double diagonal(const MarkerDetection& d) { return diagonalOf(d.pixels); }
 
+constexpr std::size_t kMostRefused = 256;
+
 // Nothing, and why.
 std::nullopt_t count(int* reason) {
   ++*reason;
@@ -36,6 +38,7 @@ MarkerDetector::MarkerDetector(const CameraModel& camera, Dictionary dictionary,
       scanner_(options.scanner),
       refiner_(camera_, options.edges),
       decoder_(camera_, dictionary_, options.decoder) {
+  refused_.reserve(kMostRefused);
   rings_.reserve(static_cast<std::size_t>(dictionary_.size()));
   for (int id = 0; id < dictionary_.size(); ++id) rings_.push_back(InnerRing::of(dictionary_, id));
 }
@@ -146,11 +149,11 @@ bool MarkerDetector::wasRefused(const Quad& quad) {
 
 // What is only just coming into view may be a marker in the next frame.
 void MarkerDetector::refuse(const Quad& quad) {
-  constexpr std::size_t kMost = 256;
   constexpr double kMargin = 12.0;  // pixels
   const bool inside = std::ranges::all_of(
       quad, [&](const Eigen::Vector2d& corner) { return camera_.inImage(corner, kMargin); });
-  if (inside && refused_.size() < kMost) refused_.push_back({centreOf(quad), diagonalOf(quad), 0});
+  if (inside && refused_.size() < kMostRefused)
+    refused_.push_back({centreOf(quad), diagonalOf(quad), 0});
 }
 
 // Most codes can be read with the corners as they were found, and most of what is no marker looks

@@ -4,7 +4,11 @@
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
+#include <span>
+#include <utility>
 #include <vector>
+
+#include "base/stack_arena.h"
 
 namespace waymark::slam {
 
@@ -19,8 +23,8 @@ namespace waymark::slam {
 }
 
 // Precondition: not empty. The upper one of two middle values.
-template <typename T>
-[[nodiscard]] T median(std::vector<T> values) {
+template <typename Vector>
+[[nodiscard]] typename Vector::value_type median(Vector values) {
   const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
   std::nth_element(values.begin(), middle, values.end());
   return *middle;
@@ -28,10 +32,12 @@ template <typename T>
 
 // Standard deviation of whitened residuals, from the squared norms of two-dimensional ones: 1 when
 // the covariances tell all, more where lens model, blur or paper add to them; never less than 1.
-[[nodiscard]] inline double noiseScale(const std::vector<double>& squared_norms) {
+[[nodiscard]] inline double noiseScale(std::span<const double> squared_norms) {
   constexpr double kMedianOfChi2With2 = 1.386;
   if (squared_norms.empty()) return 1.0;
-  return std::sqrt(std::max(1.0, median(squared_norms) / kMedianOfChi2With2));
+  StackArena<4096> arena;
+  std::pmr::vector<double> copy(squared_norms.begin(), squared_norms.end(), arena.get());
+  return std::sqrt(std::max(1.0, median(std::move(copy)) / kMedianOfChi2With2));
 }
 
 }  // namespace waymark::slam

@@ -3,17 +3,23 @@
 #include <algorithm>
 #include <cstddef>
 #include <limits>
+#include <memory_resource>
 #include <set>
 #include <vector>
+
+#include "base/stack_arena.h"
 
 namespace waymark::slam {
 namespace {
 
+using Positions = std::pmr::vector<Eigen::Vector3d>;
+using Arena = StackArena<8192>;  // for as many views as a marker usually has
+
 // Eq. 28: indices (into `views`) of the `count` views that lie farthest from each other: the two
 // most separated first, then always the one farthest from those chosen.
-std::vector<std::size_t> farthestViews(const std::vector<Eigen::Vector3d>& views,
-                                       std::size_t count) {
-  std::vector<std::size_t> chosen;
+std::pmr::vector<std::size_t> farthestViews(const Positions& views, std::size_t count,
+                                            Arena* arena) {
+  std::pmr::vector<std::size_t> chosen(arena->get());
   if (views.size() <= count) {
     for (std::size_t i = 0; i < views.size(); ++i) chosen.push_back(i);
     return chosen;
@@ -31,8 +37,9 @@ std::vector<std::size_t> farthestViews(const std::vector<Eigen::Vector3d>& views
       }
     }
   }
-  chosen = {first, second};
-  std::vector<double> nearest(views.size());  // squared distance to the nearest chosen view
+  chosen.assign({first, second});
+  std::pmr::vector<double> nearest(views.size(), 0.0,
+                                   arena->get());  // squared distance to the nearest chosen view
   for (std::size_t i = 0; i < views.size(); ++i)
     nearest[i] = (views[i] - views[first]).squaredNorm();
   while (chosen.size() < count) {
@@ -45,9 +52,9 @@ std::vector<std::size_t> farthestViews(const std::vector<Eigen::Vector3d>& views
   return chosen;
 }
 
-std::vector<Eigen::Vector3d> positionsOf(const Map& map, std::span<const KeyframeId> keyframes) {
-  std::vector<Eigen::Vector3d> positions;
-  positions.reserve(keyframes.size());
+Positions positionsOf(const Map& map, std::span<const KeyframeId> keyframes, Arena* arena) {
+  Positions positions(arena->get());
+  positions.reserve(keyframes.size() + 1);
   for (const KeyframeId id : keyframes) positions.push_back(map.keyframes().at(id).T_w_c.p);
   return positions;
 }
@@ -57,10 +64,11 @@ bool wouldBeKept(const Map& map, std::span<const MarkerDetection> detections,
                  const Transform& T_w_c, const KeyframeOptions& options) {
   const auto count = static_cast<std::size_t>(options.views_per_marker);
   return std::any_of(detections.begin(), detections.end(), [&](const MarkerDetection& detection) {
-    std::vector<Eigen::Vector3d> views = positionsOf(map, map.viewsOf(detection.id));
+    Arena arena;
+    Positions views = positionsOf(map, map.viewsOf(detection.id), &arena);
     if (views.size() < count) return true;
     views.push_back(T_w_c.p);
-    const auto chosen = farthestViews(views, count);
+    const auto chosen = farthestViews(views, count, &arena);
     return std::find(chosen.begin(), chosen.end(), views.size() - 1) != chosen.end();
   });
 }
@@ -128,7 +136,8 @@ int cullKeyframes(Map* map, KeyframeId newest, const KeyframeOptions& options) {
   const auto count = static_cast<std::size_t>(options.views_per_marker);
   for (const int id : map->markersSeenFrom(near)) {
     const auto views = map->viewsOf(id);
-    for (const std::size_t i : farthestViews(positionsOf(*map, views), count)) {
+    Arena arena;
+    for (const std::size_t i : farthestViews(positionsOf(*map, views, &arena), count, &arena)) {
       chosen.insert(views[i]);
     }
   }

@@ -1,19 +1,18 @@
 #include "slam/loop_closure/loop_detector.h"
 
 #include <algorithm>
-#include <utility>
 
 namespace waymark::slam {
 
-SplitMarkers LoopDetector::split(std::vector<KnownMarker> known) const {
-  SplitMarkers markers;
-  for (KnownMarker& marker : known) {
+void LoopDetector::split(std::span<const KnownMarker> known, SplitMarkers* markers) const {
+  markers->eligible.clear();
+  markers->loop.clear();
+  for (const KnownMarker& marker : known) {
     const bool local =
         !reference_ ||
         std::binary_search(local_markers_.begin(), local_markers_.end(), marker.detection->id);
-    (local ? markers.eligible : markers.loop).push_back(std::move(marker));
+    (local ? markers->eligible : markers->loop).push_back(marker);
   }
-  return markers;
 }
 
 void LoopDetector::follow(const Map& map, std::span<const MarkerDetection> fitting,

@@ -40,7 +40,8 @@ class LoopDetectorTest : public ::testing::Test {
 
   using Ids = std::vector<int>;
   std::pair<Ids, Ids> split() {
-    const SplitMarkers markers = detector_.split(knownMarkers(map_, detections_));
+    SplitMarkers markers;
+    detector_.split(knownMarkers(map_, detections_), &markers);
     const auto ids = [](const std::vector<KnownMarker>& known) {
       Ids list;
       for (const KnownMarker& marker : known) list.push_back(marker.detection->id);

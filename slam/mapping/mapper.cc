@@ -25,14 +25,17 @@ Transform Mapper::begin(const Start& start, Map* map, Counters* counters) {
   return map->keyframes().at(last).T_w_c;
 }
 
-bool Mapper::update(const Keyframe& frame, bool force, Map* map, Counters* counters) {
-  const std::vector<InitialMarker> unambiguous = unambiguousNewMarkers(frame, *map);
-  const double depth_m =
-      medianDepth(knownMarkers(*map, frame.detections), frame.T_w_c).value_or(0.0);
-  if (!force && keyframeReason(*map, frame.detections, frame.T_w_c, depth_m, !unambiguous.empty(),
-                               options_.keyframes) == KeyframeReason::kNone) {
-    return false;
-  }
+bool Mapper::wants(std::span<const MarkerDetection> detections, const Transform& T_w_c,
+                   const Map& map) const {
+  const double depth_m = medianDepth(map, detections, T_w_c).value_or(0.0);
+  const bool resolved = !unambiguousNewMarkers(detections, T_w_c, map).empty();
+  return keyframeReason(map, detections, T_w_c, depth_m, resolved, options_.keyframes) !=
+         KeyframeReason::kNone;
+}
+
+void Mapper::insert(const Keyframe& frame, Map* map, Counters* counters) {
+  const std::vector<InitialMarker> unambiguous =
+      unambiguousNewMarkers(frame.detections, frame.T_w_c, *map);
   for (const MarkerDetection& detection : frame.detections) {
     map->addMarker(detection.id, markers_.sizeOf(detection.id));
   }
@@ -45,7 +48,6 @@ bool Mapper::update(const Keyframe& frame, bool force, Map* map, Counters* count
   fixWorld(map);
   (void)cullKeyframes(map, newest, options_.keyframes);
   wanted_ = newest;
-  return true;
 }
 
 // Section 4.7.
@@ -89,17 +91,16 @@ void Mapper::pose(int marker_id, const Transform& T_w_m, const std::optional<Tra
 
 // Rules 1 and 2a: markers without a pose that this frame alone decides. One in quarantine has to
 // convince from several places.
-std::vector<InitialMarker> Mapper::unambiguousNewMarkers(const Keyframe& frame,
-                                                         const Map& map) const {
+std::vector<InitialMarker> Mapper::unambiguousNewMarkers(
+    std::span<const MarkerDetection> detections, const Transform& T_w_c, const Map& map) const {
   std::vector<InitialMarker> markers;
-  for (const MarkerDetection& detection : frame.detections) {
+  for (const MarkerDetection& detection : detections) {
     const MapMarker* marker = map.find(detection.id);
     if (marker != nullptr && marker->state != MarkerState::kUnresolved) continue;
     const auto square = estimateSquarePose(detection, markers_.sizeOf(detection.id), focal_px_,
                                            options_.marker_pose.square);
     if (!square || !square->unambiguous(options_.marker_pose.ambiguity_ratio)) continue;
-    markers.push_back(
-        {detection.id, frame.T_w_c * square->T_c_m[0], frame.T_w_c * square->T_c_m[1]});
+    markers.push_back({detection.id, T_w_c * square->T_c_m[0], T_w_c * square->T_c_m[1]});
   }
   return markers;
 }

@@ -30,10 +30,12 @@ class Mapper {
   // The first keyframes and markers of an empty map. Returns where the last of them is.
   Transform begin(const Start& start, Map* map, Counters* counters);
 
-  // Makes the frame a keyframe if the rules of section 4.4 (or `force`) say so. Its detections are
-  // those that fit its pose, and those the map does not know. False when it is none; else a local
-  // optimisation around it is wanted, and work() does it.
-  bool update(const Keyframe& frame, bool force, Map* map, Counters* counters);
+  // Whether the rules of section 4.4 want a frame as a keyframe. detections: those that fit its
+  // pose, and those the map does not know.
+  [[nodiscard]] bool wants(std::span<const MarkerDetection> detections, const Transform& T_w_c,
+                           const Map& map) const;
+  // Makes the frame a keyframe. A local optimisation around it is wanted then: work() does it.
+  void insert(const Keyframe& frame, Map* map, Counters* counters);
   // Section 4.5 for all markers without a pose, as sure as the whole map is of itself: what could
   // not be decided as the frames came may be with more views and better cameras.
   void resolveAll(Map* map);
@@ -50,8 +52,8 @@ class Mapper {
   [[nodiscard]] double noise() const { return noise_; }
 
  private:
-  [[nodiscard]] std::vector<InitialMarker> unambiguousNewMarkers(const Keyframe& frame,
-                                                                 const Map& map) const;
+  [[nodiscard]] std::vector<InitialMarker> unambiguousNewMarkers(
+      std::span<const MarkerDetection> detections, const Transform& T_w_c, const Map& map) const;
   void pose(int marker_id, const Transform& T_w_m, const std::optional<Transform>& other,
             Map* map) const;
   void resolve(int marker_id, Map* map, Counters* counters) const;

@@ -44,7 +44,8 @@ class MapperTest : public ::testing::Test {
 
   // With the local optimisation done. The keyframe's pose then; empty when it is none.
   std::optional<Transform> update(Mapper* mapper, const Keyframe& keyframe, bool force, Map* map) {
-    if (!mapper->update(keyframe, force, map, &counters_)) return std::nullopt;
+    if (!force && !mapper->wants(keyframe.detections, keyframe.T_w_c, *map)) return std::nullopt;
+    mapper->insert(keyframe, map, &counters_);
     while (!mapper->idle()) {
       (void)mapper->work(1e9, *map);
       (void)mapper->collect(map, &counters_);
@@ -105,7 +106,7 @@ TEST_F(MapperTest, OptimisesInSlicesWhileTheMapGrows) {
   const auto mapper = begun(&map);
   int collected = 0;
   for (int i = 1; i < 10; ++i) {
-    (void)mapper->update(frame(i), true, &map, &counters_);
+    mapper->insert(frame(i), &map, &counters_);
     for (int slice = 0; slice < 3; ++slice) {
       (void)mapper->work(20.0, map);
       if (mapper->collect(&map, &counters_)) ++collected;

@@ -20,40 +20,40 @@ void dismiss(MapMarker* marker, MarkerState to, Map* map, Counters* counters) {
 
 }  // namespace
 
-std::vector<MarkerDetection> MarkerWatch::screen(std::span<const MarkerDetection> detections,
-                                                 const CameraModel& camera, const Map& map,
-                                                 Counters* counters) {
-  Sifted sifted = sift(detections, camera, map);
-  counters->doubled_markers += sifted.doubled.size();
-  counters->clipped_markers += sifted.clipped;
-  for (const int id : sifted.doubled) ++doubled_[id];
-  return std::move(sifted.usable);
+void MarkerWatch::screen(std::span<const MarkerDetection> detections, const CameraModel& camera,
+                         const Map& map, std::vector<MarkerDetection>* usable, Counters* counters) {
+  const LeftOut left_out = sift(detections, camera, map, usable);
+  counters->doubled_markers += left_out.doubled.size();
+  counters->clipped_markers += left_out.clipped;
+  for (const int id : left_out.doubled) ++doubled_[id];
 }
 
-MarkerWatch::Sifted MarkerWatch::sift(std::span<const MarkerDetection> detections,
-                                      const CameraModel& camera, const Map& map) const {
-  Sifted sifted;
-  std::vector<MarkerDetection>& usable = sifted.usable;
-  std::vector<int>& doubled = sifted.doubled;
-  usable.reserve(detections.size());
-  std::copy_if(detections.begin(), detections.end(), std::back_inserter(usable),
+MarkerWatch::LeftOut MarkerWatch::sift(std::span<const MarkerDetection> detections,
+                                       const CameraModel& camera, const Map& map,
+                                       std::vector<MarkerDetection>* usable) const {
+  LeftOut left_out;
+  std::vector<int>& doubled = left_out.doubled;
+  usable->clear();
+  usable->reserve(detections.size());
+  std::copy_if(detections.begin(), detections.end(), std::back_inserter(*usable),
                [&](const MarkerDetection& d) { return !markers_.isIgnored(d.id); });
-  sortById(&usable);
-  for (std::size_t i = 1; i < usable.size(); ++i) {
-    const int id = usable[i].id;
-    if (id == usable[i - 1].id && (doubled.empty() || doubled.back() != id)) doubled.push_back(id);
+  sortById(usable);
+  for (std::size_t i = 1; i < usable->size(); ++i) {
+    const int id = (*usable)[i].id;
+    if (id == (*usable)[i - 1].id && (doubled.empty() || doubled.back() != id))
+      doubled.push_back(id);
   }
-  std::erase_if(usable, [&](const MarkerDetection& d) {
+  std::erase_if(*usable, [&](const MarkerDetection& d) {
     const MapMarker* marker = map.find(d.id);
     if (marker != nullptr && marker->state == MarkerState::kRefused) return true;
     if (std::binary_search(doubled.begin(), doubled.end(), d.id)) return true;
     const bool whole = std::all_of(d.pixels.begin(), d.pixels.end(), [&](const auto& corner) {
       return camera.inImage(corner, options_.border_px);
     });
-    if (!whole) ++sifted.clipped;
+    if (!whole) ++left_out.clipped;
     return !whole;
   });
-  return sifted;
+  return left_out;
 }
 
 bool MarkerWatch::refuseDoubled(Map* map, Counters* counters) {

@@ -38,14 +38,15 @@ class MarkerWatch {
 
   // The detections that may be used, sorted by id: not ignored, not refused, not doubled in this
   // frame, not clipped.
-  [[nodiscard]] std::vector<MarkerDetection> screen(std::span<const MarkerDetection> detections,
-                                                    const CameraModel& camera, const Map& map,
-                                                    Counters* counters);
+  void screen(std::span<const MarkerDetection> detections, const CameraModel& camera,
+              const Map& map, std::vector<MarkerDetection>* usable, Counters* counters);
   // The same of a frame out of turn: nothing is counted.
   [[nodiscard]] std::vector<MarkerDetection> usable(std::span<const MarkerDetection> detections,
                                                     const CameraModel& camera,
                                                     const Map& map) const {
-    return sift(detections, camera, map).usable;
+    std::vector<MarkerDetection> usable;
+    (void)sift(detections, camera, map, &usable);
+    return usable;
   }
   // Refuses in the map what screen() saw twice too often. True when the map changed.
   bool refuseDoubled(Map* map, Counters* counters);
@@ -63,9 +64,8 @@ class MarkerWatch {
   void checkReturned(int marker_id, Map* map, Counters* counters) const;
 
  private:
-  struct Sifted {
-    std::vector<MarkerDetection> usable;  // sorted by id
-    std::vector<int> doubled;             // ids, sorted
+  struct LeftOut {
+    std::vector<int> doubled;  // ids, sorted
     std::size_t clipped = 0;
   };
   struct Disagreement {
@@ -74,8 +74,8 @@ class MarkerWatch {
     std::int64_t until_ns = 0;
   };
 
-  [[nodiscard]] Sifted sift(std::span<const MarkerDetection> detections, const CameraModel& camera,
-                            const Map& map) const;
+  [[nodiscard]] LeftOut sift(std::span<const MarkerDetection> detections, const CameraModel& camera,
+                             const Map& map, std::vector<MarkerDetection>* usable) const;
   [[nodiscard]] bool hasMoved(int marker_id, const Disagreement& disagreement,
                               const Map& map) const;
 

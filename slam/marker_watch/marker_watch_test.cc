@@ -31,7 +31,9 @@ class MarkerWatchTest : public ::testing::Test {
 
   std::vector<int> screened(const std::vector<MarkerDetection>& detections) {
     std::vector<int> ids;
-    for (const auto& d : watch_.screen(detections, camera_, map_, &counters_)) ids.push_back(d.id);
+    std::vector<MarkerDetection> usable;
+    watch_.screen(detections, camera_, map_, &usable, &counters_);
+    for (const auto& d : usable) ids.push_back(d.id);
     return ids;
   }
 

@@ -22,9 +22,13 @@ struct KnownMarker {
 // Those of the detections that have a pose in the map. The detections must outlive the result.
 [[nodiscard]] std::vector<KnownMarker> knownMarkers(const Map& map,
                                                     std::span<const MarkerDetection> detections);
+// The same into a vector that is used again and again.
+void findKnownMarkers(const Map& map, std::span<const MarkerDetection> detections,
+                      std::vector<KnownMarker>* known);
 
-// How far the markers are from a camera, metres; empty without any.
-[[nodiscard]] std::optional<double> medianDepth(std::span<const KnownMarker> markers,
+// How far those of them that have a pose in the map are from a camera, metres; empty without any.
+[[nodiscard]] std::optional<double> medianDepth(const Map& map,
+                                                std::span<const MarkerDetection> detections,
                                                 const Transform& T_w_c);
 
 }  // namespace waymark::slam

@@ -2,10 +2,13 @@
 
 #include <algorithm>
 #include <cmath>
+#include <memory_resource>
+#include <vector>
 
 #include <Eigen/Cholesky>
 #include <Eigen/LU>
 
+#include "base/stack_arena.h"
 #include "slam/geometry/minimise_pose.h"
 #include "slam/geometry/reprojection.h"
 #include "slam/geometry/robust.h"
@@ -14,13 +17,11 @@ namespace waymark::slam {
 
 namespace {
 
-using Whitening = std::array<Eigen::Matrix2d, 4>;
-
 // Weights of a marker's corners: their covariance in the image, and what the map's doubt about the
 // marker adds to it, seen from T_w_c. The four corners share that doubt; as they are weighted one
 // by one, each carries four times its own part, lest a doubtful marker count as four witnesses.
 // False when a corner is behind the camera.
-bool whiten(const KnownMarker& marker, const Transform& T_w_c, Whitening* whitening_of) {
+bool whiten(const KnownMarker& marker, const Transform& T_w_c, WhitenedCorners* whitening_of) {
   constexpr double kShared = 4.0;
   for (std::size_t k = 0; k < 4; ++k) {
     Projection projection;
@@ -32,9 +33,12 @@ bool whiten(const KnownMarker& marker, const Transform& T_w_c, Whitening* whiten
   return true;
 }
 
-// One frame's problem: markers and their weights.
+// One frame's problem: markers and their weights. Those of as many as most frames show are on the
+// stack.
 class FrameProblem {
  public:
+  explicit FrameProblem(std::pmr::memory_resource* memory) : whitening_(memory) {}
+
   // False when a corner is behind the camera.
   bool build(std::span<const KnownMarker> markers, const Transform& T_w_c) {
     markers_ = markers;
@@ -46,7 +50,7 @@ class FrameProblem {
   }
 
   // Adds every used corner's share of Eq. 22. False when a used marker is behind the camera.
-  bool linearise(const std::vector<bool>& use, const Transform& T_w_c, double huber,
+  bool linearise(const MarkerFlags& use, const Transform& T_w_c, double huber,
                  PoseNormal* normal) const {
     for (std::size_t i = 0; i < markers_.size(); ++i) {
       if (!use[i]) continue;
@@ -69,7 +73,8 @@ class FrameProblem {
   }
 
   // Squared whitened residual norms of a marker's corners, appended. False behind the camera.
-  bool cornerErrors(std::size_t i, const Transform& T_w_c, std::vector<double>* squared) const {
+  bool cornerErrors(std::size_t i, const Transform& T_w_c,
+                    std::pmr::vector<double>* squared) const {
     for (std::size_t k = 0; k < 4; ++k) {
       const auto error = squaredError(T_w_c, markers_[i].corners_w[k],
                                       markers_[i].detection->normalised[k], whitening_[i][k]);
@@ -81,7 +86,7 @@ class FrameProblem {
 
  private:
   std::span<const KnownMarker> markers_;
-  std::vector<Whitening> whitening_;
+  std::pmr::vector<WhitenedCorners> whitening_;
 };
 
 double sidePx(const MarkerDetection& detection) {
@@ -98,7 +103,7 @@ PoseOptimiser::PoseOptimiser(double focal_px, const PoseOptimiserOptions& option
     : focal_px_(focal_px), options_(options) {}
 
 std::optional<double> PoseOptimiser::markerChi2(const KnownMarker& marker, const Transform& T_w_c) {
-  Whitening whitening_of;
+  WhitenedCorners whitening_of;
   if (!whiten(marker, T_w_c, &whitening_of)) return std::nullopt;
   double chi2 = 0.0;
   for (std::size_t k = 0; k < 4; ++k) {
@@ -136,7 +141,8 @@ bool PoseOptimiser::acceptable(const PoseSolution& solution) const {
 std::optional<PoseSolution> PoseOptimiser::optimise(std::span<const KnownMarker> markers,
                                                     const Transform& guess) const {
   if (markers.empty()) return std::nullopt;
-  FrameProblem problem;
+  StackArena<16384> arena;
+  FrameProblem problem(arena.get());
   if (!problem.build(markers, guess)) return std::nullopt;
   PoseSolution solution;
   solution.inlier.assign(markers.size(), true);
@@ -150,7 +156,7 @@ std::optional<PoseSolution> PoseOptimiser::optimise(std::span<const KnownMarker>
   if (!minimum) return std::nullopt;
 
   // The frame's own noise, for the kernel and for the gate.
-  std::vector<double> corner_errors;
+  std::pmr::vector<double> corner_errors(arena.get());
   corner_errors.reserve(4 * markers.size());
   for (std::size_t i = 0; i < markers.size(); ++i) {
     if (!problem.cornerErrors(i, minimum->T, &corner_errors)) return std::nullopt;
@@ -161,14 +167,14 @@ std::optional<PoseSolution> PoseOptimiser::optimise(std::span<const KnownMarker>
     for (std::size_t i = 0; i < markers.size(); ++i) {
       const double* squared = corner_errors.data() + 4 * i;
       const double chi2 = squared[0] + squared[1] + squared[2] + squared[3];
-      solution.inlier[i] = chi2 <= options_.marker_chi2 * noise * noise ||
-                           rmsPx(markers[i], minimum->T) <= options_.inlier_rms_px;
-      changed = changed || !solution.inlier[i];
+      const bool fits = chi2 <= options_.marker_chi2 * noise * noise ||
+                        rmsPx(markers[i], minimum->T) <= options_.inlier_rms_px;
+      solution.inlier.set(i, fits);
+      changed = changed || !fits;
     }
   }
   // Without a majority nobody can say who is wrong: all stay, and the residuals tell the rest.
-  if (2 * std::count(solution.inlier.begin(), solution.inlier.end(), true) <
-      static_cast<std::ptrdiff_t>(markers.size())) {
+  if (2 * solution.inlier.count() < markers.size()) {
     solution.inlier.assign(markers.size(), true);
   }
   if (changed) {
@@ -180,7 +186,8 @@ std::optional<PoseSolution> PoseOptimiser::optimise(std::span<const KnownMarker>
   if (factor.info() != Eigen::Success || !factor.isPositive()) return std::nullopt;
   solution.T_w_c = minimum->T;
   double squared_px = 0.0;
-  std::vector<double> squared;
+  std::pmr::vector<double> squared(arena.get());
+  squared.reserve(4 * markers.size());
   for (std::size_t i = 0; i < markers.size(); ++i) {
     if (!solution.inlier[i]) continue;
     ++solution.inliers;

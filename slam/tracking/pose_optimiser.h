@@ -3,10 +3,10 @@
 
 #include <optional>
 #include <span>
-#include <vector>
 
 #include "slam/geometry/transform.h"
 #include "slam/tracking/known_marker.h"
+#include "slam/tracking/marker_flags.h"
 
 namespace waymark::slam {
 
@@ -37,7 +37,7 @@ struct PoseSolution {
   int inliers = 0;            // markers
   double rms_px = 0.0;        // of the corners' distances, inliers
   double mean_side_px = 0.0;  // of the inliers in the image
-  std::vector<bool> inlier;   // one per marker given
+  MarkerFlags inlier;         // one per marker given
 };
 
 class PoseOptimiser {

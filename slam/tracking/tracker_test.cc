@@ -121,7 +121,9 @@ TEST_F(TrackerTest, OfThreeTheMajorityIsBelieved) {
   trackUpTo(5);
   const auto tracked = tracker_.track(known(5, {0, 1, 2}), 5 * kFramePeriodNs);
   expectPose(tracked, 5, 0.002);
-  EXPECT_EQ(tracked->solution.inlier, (std::vector<bool>{false, true, true}));
+  EXPECT_FALSE(tracked->solution.inlier[0]);
+  EXPECT_TRUE(tracked->solution.inlier[1]);
+  EXPECT_TRUE(tracked->solution.inlier[2]);
 }
 
 TEST_F(TrackerTest, NoMarkersNoPose) {

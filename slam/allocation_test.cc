@@ -1,0 +1,136 @@
+// Steady tracking takes no memory from the heap: neither detection nor SLAM, with a counting
+// operator new.
+#include <cstdlib>
+#include <new>
+#include <random>
+#include <vector>
+
+#include <gtest/gtest.h>
+
+#include "slam/detection/marker_follower.h"
+#include "slam/slam.h"
+#include "slam/testing/drawn_marker.h"
+#include "slam/testing/scene.h"
+
+namespace {
+
+thread_local int allocations = 0;
+
+void* allocate(std::size_t size, std::size_t alignment) {
+  ++allocations;
+  void* const memory =
+      std::aligned_alloc(alignment, (size + alignment - 1) / alignment * alignment);
+  if (memory == nullptr) throw std::bad_alloc();
+  return memory;
+}
+
+}  // namespace
+
+void* operator new(std::size_t size) { return allocate(size, alignof(std::max_align_t)); }
+void* operator new(std::size_t size, std::align_val_t alignment) {
+  return allocate(size, static_cast<std::size_t>(alignment));
+}
+void operator delete(void* memory) noexcept { std::free(memory); }
+void operator delete(void* memory, std::size_t) noexcept { std::free(memory); }
+void operator delete(void* memory, std::align_val_t) noexcept { std::free(memory); }
+void operator delete(void* memory, std::size_t, std::align_val_t) noexcept { std::free(memory); }
+
+namespace waymark::slam {
+namespace {
+
+using testing::kFramePeriodNs;
+
+constexpr double kSize = 0.12;
+
+// Of what `use` does.
+template <typename Use>
+int allocationsOf(const Use& use) {
+  const int before = allocations;
+  use();
+  return allocations - before;
+}
+
+TEST(Allocation, IsCounted) {
+  const int count = allocationsOf([] {
+    std::vector<int> values(1000);
+    volatile int* const first = values.data();
+    *first = 1;
+  });
+  EXPECT_EQ(count, 1);
+}
+
+// A picture of eight markers that moves to and fro.
+TEST(Allocation, FollowingTakesNone) {
+  const CameraModel camera(testing::testCalibration());
+  const Dictionary dictionary = *Dictionary::byName("APRILTAG_36h11");
+  std::vector<testing::Picture> pictures;
+  for (int phase = 0; phase < 4; ++phase) {
+    testing::Picture& picture = pictures.emplace_back(camera.width(), camera.height(), 200);
+    for (int i = 0; i < 8; ++i) {
+      testing::drawMarker(dictionary, i, 40 + 140 * (i % 4) + phase, 60 + 180 * (i / 4) + phase,
+                          4 + i, i % 4, &picture);
+    }
+  }
+  MarkerFollower follower(camera, dictionary, {}, {});
+  const auto find = [&](int frame) {
+    const int phase = frame % 8 < 4 ? frame % 8 : 7 - frame % 8;
+    EXPECT_EQ(
+        follower.find(pictures[static_cast<std::size_t>(phase)].view(), frame * kFramePeriodNs, {})
+            .size(),
+        8U);
+  };
+  int frame = 0;
+  for (; frame < 60; ++frame) find(frame);
+  EXPECT_EQ(follower.mode(), SearchMode::kFollowing);
+  EXPECT_EQ(allocationsOf([&] {
+              for (; frame < 180; ++frame) find(frame);
+            }),
+            0);
+}
+
+// A camera before a wall of markers; with and without mapping.
+class SteadyTracking : public ::testing::TestWithParam<bool> {};
+
+TEST_P(SteadyTracking, TakesNone) {
+  std::mt19937 rng(4);
+  const CameraModel camera(testing::testCalibration());
+  const auto markers = testing::markerWall(3, 6, 0.4, &rng);
+  const auto poseAt = [](int frame) {
+    const double s = 0.02 * std::sin(0.1 * frame);
+    return testing::lookAt({s, 0.0, 0.1}, {s, 3.0, 0.0});
+  };
+  std::vector<Transform> views;
+  for (int i = -3; i <= 3; ++i)
+    views.push_back(testing::lookAt({0.2 * i, 0.1, 0.0}, {0.1 * i, 3.0, 0.0}));
+  Options options;
+  options.markers.size_m = kSize;
+  options.mapping = GetParam();
+  Slam slam(camera, *Dictionary::byName("APRILTAG_36h11"), options,
+            testing::trueMap(camera, views, markers, kSize, 0.05, &rng));
+  std::vector<std::vector<MarkerDetection>> seen;
+  for (int frame = 0; frame < 300; ++frame) {
+    seen.push_back(testing::observeAll(camera, poseAt(frame), markers, kSize, 0.05, &rng));
+  }
+  const auto feed = [&](int frame) {
+    const auto result =
+        slam.processDetections(seen[static_cast<std::size_t>(frame)],
+                               {static_cast<std::uint64_t>(frame), frame * kFramePeriodNs});
+    EXPECT_TRUE(result.pose) << result.reason;
+    return result.keyframe_added;
+  };
+  int frame = 0;
+  for (; frame < 100; ++frame) (void)feed(frame);
+  slam.finish();
+  const auto keyframes = slam.map().keyframes().size();
+  EXPECT_EQ(allocationsOf([&] {
+              for (; frame < 300; ++frame) (void)feed(frame);
+            }),
+            0);
+  EXPECT_EQ(slam.map().keyframes().size(), keyframes) << "not steady";
+}
+
+INSTANTIATE_TEST_SUITE_P(Modes, SteadyTracking, ::testing::Bool(),
+                         [](const auto& test) { return test.param ? "Mapping" : "LocaliseOnly"; });
+
+}  // namespace
+}  // namespace waymark::slam
