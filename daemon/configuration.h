@@ -32,6 +32,13 @@ struct Configuration {
     int depth = 4;  // frames
   };
 
+  struct RealTime {
+    int capture_priority = 0;    // of SCHED_FIFO; 0: scheduled like any other thread
+    int slam_priority = 0;       // likewise
+    int publisher_priority = 0;  // likewise
+    bool lock_memory = false;
+  };
+
   struct Publish {
     std::string url = "udpm://239.255.76.67:7667?ttl=0";
     std::string channel_prefix = "WAYMARK_";
@@ -46,6 +53,7 @@ struct Configuration {
   Camera camera;
   io::SlamSettings slam;
   Queue queue;
+  RealTime realtime;
   Publish publish;
   Logging log;
 };

@@ -21,6 +21,7 @@
 #include "daemon/log.h"
 #include "daemon/map_keeper.h"
 #include "daemon/publisher.h"
+#include "daemon/realtime.h"
 #include "daemon/slam_loop.h"
 #include "daemon/stop_signal.h"
 #include "slam/slam.h"
@@ -30,11 +31,16 @@ namespace {
 
 enum ExitCode { kDone = 0, kFault = 1, kBadInput = 2 };
 
-// A thread with a name that top and gdb show.
-template <typename Loop>
-std::thread startThread(const char* name, Loop& loop) {
-  std::thread thread([&loop] { loop.run(); });
+// A thread with a name that top and gdb show. priority: 0 for none of its own.
+template <typename Run>
+std::thread startThread(const char* name, int priority, const Log& log, Run run) {
+  std::thread thread(std::move(run));
   pthread_setname_np(thread.native_handle(), name);
+  if (priority > 0) {
+    if (const Status s = scheduleRealTime(thread, name, priority); !s) {
+      log.warning(s.error().message);
+    }
+  }
   return thread;
 }
 
@@ -61,13 +67,18 @@ int runDaemon(const Configuration& configuration, const CameraSetup& camera, Sta
   Publisher publisher(configuration.publish, configuration.slam.dictionary, output, camera_status,
                       frames, log);
 
-  std::thread capture_thread = startThread("wm-capture", capture_loop);
-  std::thread slam_thread = startThread("wm-slam", slam_loop);
-  std::thread publisher_thread([&] {
-    pthread_setname_np(pthread_self(), "wm-publisher");
+  const Configuration::RealTime& realtime = configuration.realtime;
+  if (realtime.lock_memory) {
+    if (const Status locked = lockMemory(); !locked) log.warning(locked.error().message);
+  }
+  std::thread publisher_thread = startThread("wm-publisher", realtime.publisher_priority, log, [&] {
     publisher.run();
     stop.finish();
   });
+  std::thread slam_thread =
+      startThread("wm-slam", realtime.slam_priority, log, [&] { slam_loop.run(); });
+  std::thread capture_thread =
+      startThread("wm-capture", realtime.capture_priority, log, [&] { capture_loop.run(); });
 
   stop.wait();
   // Opening a source cannot be interrupted, and nothing has begun that would need an end.

@@ -76,7 +76,8 @@ std::vector<Setting> markerKeys(slam::MarkerOptions& markers) {
 }
 
 // The daemon's other sections.
-constexpr std::array<std::string_view, 4> kOtherSections = {"camera", "queue", "publish", "log"};
+constexpr std::array<std::string_view, 5> kOtherSections = {"camera", "queue", "realtime",
+                                                            "publish", "log"};
 
 }  // namespace
 

@@ -42,6 +42,7 @@ void PoseStream::add(const health_t& health) {
   constexpr std::string_view kDropped = "dropped.";
   drops_.clear();
   for (const counter_t& counter : health.counters) {
+    if (counter.name == "deadline.missed") deadlines_missed_ = counter.value;
     if (!counter.name.starts_with(kDropped)) continue;
     drops_ += (drops_.empty() ? "" : ", ") + std::to_string(counter.value) + " " +
               counter.name.substr(kDropped.size());
@@ -64,6 +65,10 @@ std::string PoseStream::summary(const std::string& prefix) const {
                      ", missing frames: " + count(missing_) + ", restarts: " + count(restarts_) +
                      ", malformed: " + count(malformed_) + "\n";
   if (!drops_.empty()) text += prefix + "dropped by the daemon since its start: " + drops_ + "\n";
+  if (deadlines_missed_) {
+    text += prefix +
+            "deadlines missed by the daemon since its start: " + count(*deadlines_missed_) + "\n";
+  }
   text += prefix + share + prefix + rate;
   text += prefix + latencyLine("capture to publication", publish_latency_ns_);
   text += prefix + latencyLine("capture to receipt (same computer)", receive_latency_ns_);

@@ -34,6 +34,8 @@ class PoseStream {
   std::int64_t missing_ = 0;
   std::int64_t restarts_ = 0;  // the sequence went back: the daemon was started anew
   std::int64_t malformed_ = 0;
+  // Frames that took the daemon longer than there is between two; likewise.
+  std::optional<std::int64_t> deadlines_missed_;
   std::string drops_;  // as the last health message counts them; empty before the first
   std::optional<std::int64_t> last_sequence_;
   std::int64_t first_ns_ = 0, last_ns_ = 0;  // monotonic, mid-exposure

@@ -58,10 +58,12 @@ TEST(PoseStream, TellsWhereTheDaemonLostFrames) {
   count("camera.frames", 100);
   count("dropped.source_late", 2);
   count("dropped.queue", 7);
+  count("deadline.missed", 4);
   stream.add(health);
   stream.add(health);
   EXPECT_NE(stream.summary("# ").find("\n# dropped by the daemon since its start: 2 source_late, 7 "
-                                      "queue\n"),
+                                      "queue\n# deadlines missed by the daemon since its start: "
+                                      "4\n"),
             std::string::npos)
       << stream.summary("# ");
 }

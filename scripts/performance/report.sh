@@ -41,6 +41,16 @@ END
     cat "$measured/detectors.txt"
     printf '```\n'
   fi
+  if [[ -f $measured/clutter.txt ]]; then
+    printf '\nThe same on clutter (`bench/clutter.h`): squares, frames, grids, chessboards, writing, and not a\nsingle marker:\n\n```\n'
+    cat "$measured/clutter.txt"
+    printf '```\n'
+  fi
+  if [[ -f $measured/live.txt ]]; then
+    printf '\nThe daemon on a simulated camera, 640x480, as a subscriber sees it (`waymark echo --stats`); at\n1000 Hz more frames come than it can take, and the newest win:\n\n```\n'
+    cat "$measured/live.txt"
+    printf '```\n'
+  fi
   if [[ -f $measured/hall.txt ]]; then
     printf '\nA map of 2,000 markers, corners only, no detection; the markers are mapped on the first round:\n\n```\n'
     cat "$measured/hall.txt"

@@ -131,15 +131,16 @@ ScanTurn BorderWatch::windowAt(const Line& line, const Run& gone) const {
   const int depth = std::min(line.factor * reach_px_, upright ? width_ : height_);
   const int low = std::max(line.factor * (gone.first - reach_px_), 0);
   const int high = std::min(line.factor * (gone.last + 1 + reach_px_), upright ? height_ : width_);
+  const int most_px = line.factor == lines_.front().factor ? 0 : reach_px_;
   switch (line.border) {
     case kLeft:
-      return {{0, low, depth, high - low}, line.factor};
+      return {{0, low, depth, high - low}, line.factor, most_px};
     case kRight:
-      return {{width_ - depth, low, depth, high - low}, line.factor};
+      return {{width_ - depth, low, depth, high - low}, line.factor, most_px};
     case kTop:
-      return {{low, 0, high - low, depth}, line.factor};
+      return {{low, 0, high - low, depth}, line.factor, most_px};
     case kBottom:
-      return {{low, height_ - depth, high - low, depth}, line.factor};
+      return {{low, height_ - depth, high - low, depth}, line.factor, most_px};
   }
   return {};
 }

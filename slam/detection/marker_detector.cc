@@ -70,7 +70,7 @@ bool MarkerDetector::confirm(const ImageView& image, int id,
 
 void MarkerDetector::scan(const ImageView& image, const ScanTurn& turn) {
   if (turn.factor == 1) {
-    scanWhole(image, turn.window);
+    scanWhole(image, turn.window, turn.most_px);
   } else {
     scanReduced(image, turn);
   }
@@ -82,9 +82,9 @@ const std::vector<MarkerDetection>& MarkerDetector::finish() {
   return detections_;
 }
 
-void MarkerDetector::scanWhole(const ImageView& image, const Window& window) {
+void MarkerDetector::scanWhole(const ImageView& image, const Window& window, int most_px) {
   const bool in_turn = window.width < image.width || window.height < image.height;
-  for (const Quad& found : scanner_.scan(partOf(image, window))) {
+  for (const Quad& found : scanner_.scan(partOf(image, window), most_px)) {
     ++counters_.quads;
     Quad quad = found;
     for (Eigen::Vector2d& corner : quad) corner += Eigen::Vector2d(window.left, window.top);
@@ -106,7 +106,7 @@ void MarkerDetector::scanReduced(const ImageView& image, const ScanTurn& turn) {
   const int factor = turn.factor;
   constexpr double kLeastReduced = 20.0;  // pixels from corner to corner
   candidates_.clear();
-  for (Quad quad : scanner_.scan(reducer_.reduce(partOf(image, window), factor))) {
+  for (Quad quad : scanner_.scan(reducer_.reduce(partOf(image, window), factor), turn.most_px)) {
     // The middle of a reduced pixel is in the middle of those it was made of.
     for (Eigen::Vector2d& corner : quad) {
       corner = factor * corner + Eigen::Vector2d(window.left, window.top) +

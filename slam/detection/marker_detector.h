@@ -75,7 +75,7 @@ class MarkerDetector {
     int frames;  // since it was looked at
   };
 
-  void scanWhole(const ImageView& image, const Window& window);
+  void scanWhole(const ImageView& image, const Window& window, int most_px = 0);
   void scanReduced(const ImageView& image, const ScanTurn& turn);
   // Whether it was refused a few frames ago; it is there now.
   [[nodiscard]] bool wasRefused(const Quad& quad);

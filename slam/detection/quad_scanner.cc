@@ -10,14 +10,14 @@ QuadScanner::QuadScanner(const QuadScannerOptions& options)
       finder_(options.regions),
       fitter_(options.quads) {}
 
-const std::vector<Quad>& QuadScanner::scan(const ImageView& image) {
+const std::vector<Quad>& QuadScanner::scan(const ImageView& image, int most_px) {
   quads_.clear();
-  for (const DarkMask& mask : masks_.make(image)) collect(mask);
+  for (const DarkMask& mask : masks_.make(image)) collect(mask, most_px);
   return quads_;
 }
 
-void QuadScanner::collect(const DarkMask& mask) {
-  for (const DarkRegion& region : finder_.find(mask)) {
+void QuadScanner::collect(const DarkMask& mask, int most_px) {
+  for (const DarkRegion& region : finder_.find(mask, most_px)) {
     const auto quad = fitter_.fit(region);
     if (quad && !isKnown(*quad)) quads_.push_back(*quad);
   }

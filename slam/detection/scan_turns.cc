@@ -75,7 +75,8 @@ ScanTurn ScanTurns::partOf(const Level& level) const {
   window.top = row * height_ / level.rows;
   window.width = std::min((column + 1) * width_ / level.columns + overlap, width_) - window.left;
   window.height = std::min((row + 1) * height_ / level.rows + overlap, height_) - window.top;
-  return {window, level.factor};
+  const bool coarsest = level.factor == levels_.front().factor;
+  return {window, level.factor, coarsest ? 0 : options_.overlap_px};
 }
 
 }  // namespace waymark::slam
