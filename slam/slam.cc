@@ -87,9 +87,9 @@ class Slam::Impl {
       if (options_.mapping) {
         const StageScope scope(observer, Stage::kMap);
         if (result.pose) loops_.meet(map_, mapper_.noise(), &sight_);  // section 4.9
-        // A new keyframe is as much as a frame has to spend.
-        const bool grown = result.pose && updateMap(&sight_, &result);
-        work(grown ? 0.0 : options_.work_per_frame);
+        if (result.pose) updateMap(&sight_, &result);
+        // Also after a new keyframe: in fast motion every frame is one.
+        work(options_.work_per_frame);
       }
     }
     if (result.pose) ++counters_.localized;
@@ -318,9 +318,8 @@ class Slam::Impl {
     sortById(&sight->fitting);
   }
 
-  // Sections 4.2 and 4.4 to 4.7, and what the watch has noticed. True when there is one more
-  // keyframe.
-  bool updateMap(Sight* sight, FrameResult* result) {
+  // Sections 4.2 and 4.4 to 4.7, and what the watch has noticed.
+  void updateMap(Sight* sight, FrameResult* result) {
     bool changed = watch_.refuseDoubled(&map_, &counters_);
     if (loops_.haveMoved(map_, *sight)) {
       changed = watch_.quarantineMoved(&map_, &counters_) || changed;
@@ -344,7 +343,6 @@ class Slam::Impl {
     }
     const double depth_m = medianDepth(map_, sight->fitting, T_w_c).value_or(1.0);
     loop_detector_.follow(map_, sight->fitting, T_w_c, depth_m, options_.mapper.keyframes);
-    return grown;
   }
 
   Options options_;

@@ -160,6 +160,30 @@ TEST_F(SlamTest, TheSameInputGivesTheSameBytes) {
   }
 }
 
+// Whoever takes photographs has all of a map's optimisation in each of them: there may be no next
+// one to go on with it.
+TEST_F(SlamTest, PhotographsLeaveNoWorkForTheNext) {
+  options_.takePhotographs();
+  Slam other{camera_, *Dictionary::byName("APRILTAG_36h11"), options_};
+  for (int i = 0; i < 240; i += 15) {
+    feed(poseAt(i));
+    other.processDetections(
+        detections_, {static_cast<std::uint64_t>(frame_ - 1), (frame_ - 1) * kFramePeriodNs});
+    other.finish();
+  }
+  slam().finish();
+  int compared = 0;
+  for (const auto& [id, marker] : slam().map().markers()) {
+    const MapMarker& same = other.map().markers().at(id);
+    ASSERT_EQ(marker.T_w_m.has_value(), same.T_w_m.has_value()) << id;
+    if (!marker.T_w_m) continue;
+    EXPECT_EQ(marker.T_w_m->p, same.T_w_m->p) << id;
+    EXPECT_EQ(marker.T_w_m->R, same.T_w_m->R) << id;
+    ++compared;
+  }
+  EXPECT_GE(compared, 10);
+}
+
 TEST_F(SlamTest, OptionsSayWhatIsWrong) {
   EXPECT_EQ(options_.invalidReason(), "");
   Options o = options_;

@@ -32,8 +32,8 @@ WAYMARK_INLINE Lanes& lanesAt(float* from, std::size_t i) {
 WAYMARK_INLINE void sumEach(const std::array<Lanes, kLanes>& from, Lanes* sums) {
   // Twice as many sums in a vector, of half as many lanes each, in every step.
   const auto fold = [](const Lanes& a, const Lanes& b) {
-    return __builtin_shuffle(a, b, IntLanes{0, 8, 1, 9, 2, 10, 3, 11}) +
-           __builtin_shuffle(a, b, IntLanes{4, 12, 5, 13, 6, 14, 7, 15});
+    return __builtin_shufflevector(a, b, 0, 8, 1, 9, 2, 10, 3, 11) +
+           __builtin_shufflevector(a, b, 4, 12, 5, 13, 6, 14, 7, 15);
   };
   const Lanes s04 = fold(from[0], from[4]);
   const Lanes s15 = fold(from[1], from[5]);

@@ -76,7 +76,8 @@ ScanTurn ScanTurns::partOf(const Level& level) const {
   window.width = std::min((column + 1) * width_ / level.columns + overlap, width_) - window.left;
   window.height = std::min((row + 1) * height_ / level.rows + overlap, height_) - window.top;
   const bool coarsest = level.factor == levels_.front().factor;
-  return {window, level.factor, coarsest ? 0 : options_.overlap_px};
+  // What is much larger than the overlap is rarely whole here, and soon found at a coarser size.
+  return {window, level.factor, coarsest ? 0 : 2 * options_.overlap_px};
 }
 
 }  // namespace waymark::slam
