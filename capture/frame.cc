@@ -15,13 +15,23 @@ FramePool::FramePool(int width, int height, int count) {
 }
 
 FramePtr FramePool::acquire() {
-  for (const std::unique_ptr<Frame>& frame : frames_) {
-    bool expected = false;
-    if (frame->in_use_.compare_exchange_strong(expected, true, std::memory_order_acquire)) {
-      return FramePtr(frame.get());
-    }
+  for (int i = 0; i < size(); ++i) {
+    if (FramePtr frame = acquire(i)) return frame;
   }
   return nullptr;
+}
+
+FramePtr FramePool::acquire(int index) {
+  Frame* const frame = frames_[static_cast<std::size_t>(index)].get();
+  bool expected = false;
+  if (!frame->in_use_.compare_exchange_strong(expected, true, std::memory_order_acquire)) {
+    return nullptr;
+  }
+  return FramePtr(frame);
+}
+
+bool FramePool::inUse(int index) const {
+  return frames_[static_cast<std::size_t>(index)]->in_use_.load(std::memory_order_acquire);
 }
 
 }  // namespace waymark::capture

@@ -4,6 +4,7 @@
 #include <atomic>
 #include <cstdint>
 #include <memory>
+#include <span>
 #include <vector>
 
 #include "base/image_view.h"
@@ -25,15 +26,30 @@ class Frame {
   [[nodiscard]] ImageView image() const { return image_; }
   [[nodiscard]] const FrameStamp& stamp() const { return stamp_; }
 
-  // For sources: the buffer to fill and the stamp to set before the frame is handed on.
+  // The same memory as DMABUF, for those who hand it to other devices; -1 where there is none.
+  // Nobody else closes it, and it is good as long as the frame is held.
+  [[nodiscard]] int dmaBuf() const { return dma_buf_; }
+
+  // The picture as the camera compressed it, where it did and the source was asked to keep it.
+  [[nodiscard]] std::span<const std::uint8_t> jpeg() const { return jpeg_; }
+
+  // For sources: the buffer to fill, or the pixels of others to show, and the stamp to set before
+  // the frame is handed on.
   [[nodiscard]] std::uint8_t* pixels() { return pixels_.data(); }
+  void show(const ImageView& image, int dma_buf) {
+    image_ = image;
+    dma_buf_ = dma_buf;
+  }
+  void keepJpeg(std::span<const std::uint8_t> jpeg) { jpeg_.assign(jpeg.begin(), jpeg.end()); }
   void setStamp(const FrameStamp& stamp) { stamp_ = stamp; }
 
  private:
   friend class FramePool;
   friend struct FrameRelease;
   std::vector<std::uint8_t> pixels_;
+  std::vector<std::uint8_t> jpeg_;
   ImageView image_;
+  int dma_buf_ = -1;
   FrameStamp stamp_;
   std::atomic<bool> in_use_{false};
 };
@@ -49,10 +65,15 @@ using FramePtr = std::unique_ptr<Frame, FrameRelease>;
 class FramePool {
  public:
   FramePool(int width, int height, int count);
+  // Frames without pixels of their own: they show those of others, such as a driver's buffers.
+  explicit FramePool(int count) : FramePool(0, 0, count) {}
 
   // Null when every buffer is in use.
   [[nodiscard]] FramePtr acquire();
+  // Frame `index`, of size(); null when it is in use.
+  [[nodiscard]] FramePtr acquire(int index);
 
+  [[nodiscard]] bool inUse(int index) const;
   [[nodiscard]] int size() const { return static_cast<int>(frames_.size()); }
 
  private:

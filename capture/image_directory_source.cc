@@ -93,6 +93,9 @@ class ImageDirectorySource final : public FrameSource {
 
   [[nodiscard]] const StreamInfo& info() const override { return info_; }
   [[nodiscard]] SourceCounters counters() const override { return {.frames = next_}; }
+  [[nodiscard]] std::string frameName(std::uint64_t sequence) const override {
+    return files_[sequence].path.filename().string();
+  }
 
   [[nodiscard]] ReadResult read(std::chrono::milliseconds /*timeout*/) override {
     if (next_ == files_.size()) return EndOfStream{};

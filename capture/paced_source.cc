@@ -34,6 +34,7 @@ class PacedSource final : public FrameSource {
 
   [[nodiscard]] const StreamInfo& info() const override { return info_; }
   [[nodiscard]] SourceCounters counters() const override { return counters_; }
+  [[nodiscard]] std::string damage() const override { return recording_->damage(); }
 
   [[nodiscard]] ReadResult read(std::chrono::milliseconds timeout) override {
     const std::int64_t deadline_ns = monotonicNs() + std::chrono::nanoseconds(timeout).count();

@@ -46,7 +46,7 @@ Result<CameraSetup> prepareSimulator(const Configuration& configuration) {
       simulator::buildScene(options.simulation, simulator::Ending::kClosedLoop);
   if (!scene) return Error{configuration.camera.source + ": " + scene.error().message};
 
-  CameraSetup setup{.calibration = scene->camera, .rate_hz = scene->rate_hz, .opener = {}};
+  CameraSetup setup{.calibration = scene->camera, .calibration_change = {}, .opener = {}};
   setup.opener.open = [options]() -> OpenResult {
     Result<std::unique_ptr<simulator::LiveSimulatedSource>> opened = simulator::openLive(options);
     if (!opened) return opened.error();
@@ -55,31 +55,65 @@ Result<CameraSetup> prepareSimulator(const Configuration& configuration) {
   return setup;
 }
 
-// Opened once to look at it, so that a wrong path or size is found before anything starts.
-Result<CameraSetup> prepareRecording(const Configuration::Camera& camera) {
-  const Result<slam::Calibration> calibration = io::readCalibration(camera.calibration);
-  if (!calibration) return calibration.error();
-
+capture::SourceOptions sourceOptions(const Configuration::Camera& camera,
+                                     const slam::Calibration& calibration) {
   capture::SourceOptions options;
   options.realtime = true;
   if (camera.rate_hz > 0.0) options.fps = camera.rate_hz;
-  CameraSetup setup{.calibration = *calibration, .rate_hz = 0.0, .opener = {}};
-  setup.opener.open = [source = camera.source, options, calibration = *calibration] {
-    return matching(capture::openSource(source, options), calibration);
-  };
+  options.camera = camera.device;
+  if (options.camera.width == 0) {
+    options.camera.width = calibration.width;
+    options.camera.height = calibration.height;
+  }
+  return options;
+}
 
-  const OpenResult opened = setup.opener.open();
+struct PictureSize {
+  int width = 0;   // pixels
+  int height = 0;  // pixels
+  std::string of;  // for messages: whose they are
+};
+
+// A recording is opened once to look at it, so that a wrong path or size is found before anything
+// starts. A camera may be plugged in later: it will be asked for this size, or refused.
+Result<PictureSize> pictureSize(const std::string& source, const capture::CameraOptions& asked,
+                                capture::Opener& open) {
+  if (capture::isCamera(source)) return PictureSize{asked.width, asked.height, source};
+  const OpenResult opened = open();
   if (!opened) return opened.error();
-  setup.rate_hz = opened.value()->info().rate_hz;
+  const capture::StreamInfo& info = (*opened)->info();
+  return PictureSize{info.width, info.height, info.description};
+}
+
+Result<CameraSetup> prepareSource(const Configuration::Camera& camera) {
+  const Result<slam::Calibration> calibration = io::readCalibration(camera.calibration);
+  if (!calibration) return calibration.error();
+  const capture::SourceOptions options = sourceOptions(camera, *calibration);
+  Result<capture::Opener> opener = capture::sourceOpener(camera.source, options);
+  if (!opener) return opener.error();
+  const Result<PictureSize> size = pictureSize(camera.source, options.camera, *opener);
+  if (!size) return size.error();
+  const Result<slam::FittedCalibration> fitted =
+      slam::fitCalibration(*calibration, size->width, size->height, camera.calibration_fit);
+  if (!fitted) return Error{size->of + ": " + fitted.error().message};
+
+  CameraSetup setup{
+      .calibration = fitted->calibration, .calibration_change = fitted->change, .opener = {}};
+  setup.opener.open = [open = std::move(opener).value(), expected = fitted->calibration]() mutable {
+    return matching(open(), expected);
+  };
+  if (capture::isCamera(camera.source)) {
+    setup.opener.comes_back = true;
+    setup.opener.device_came = capture::watchForCameras(camera.source);
+  }
   return setup;
 }
 
 }  // namespace
 
 Result<CameraSetup> prepareCamera(const Configuration& configuration) {
-  return configuration.camera.source.starts_with(kSimulated)
-             ? prepareSimulator(configuration)
-             : prepareRecording(configuration.camera);
+  return configuration.camera.source.starts_with(kSimulated) ? prepareSimulator(configuration)
+                                                             : prepareSource(configuration.camera);
 }
 
 }  // namespace waymark::daemon

@@ -1,6 +1,8 @@
 // From the configured source to a camera that can be opened, and the calibration it goes with.
 #pragma once
 
+#include <string>
+
 #include "base/result.h"
 #include "daemon/capture_loop.h"
 #include "daemon/configuration.h"
@@ -9,12 +11,12 @@
 namespace waymark::daemon {
 
 struct CameraSetup {
-  slam::Calibration calibration;
-  double rate_hz = 0.0;  // nominal; 0 when only the opened source knows
-  SourceOpener opener;   // refuses a source whose pictures have another size than the calibration
+  slam::Calibration calibration;   // for pictures as they come
+  std::string calibration_change;  // what was done to the file's for that; usually nothing
+  SourceOpener opener;  // refuses a source whose pictures have another size than the calibration
 };
 
-// Reads what can be read before opening anything.
+// Reads what can be read before opening anything. A camera need not be there yet.
 [[nodiscard]] Result<CameraSetup> prepareCamera(const Configuration& configuration);
 
 }  // namespace waymark::daemon

@@ -1,7 +1,9 @@
 // How the camera is doing, as the capture thread reports it and the publisher tells the world.
 #pragma once
 
+#include <array>
 #include <atomic>
+#include <cstddef>
 #include <cstdint>
 #include <mutex>
 #include <string>
@@ -42,27 +44,40 @@ class CameraStatus {
 
   // Totals over all times the camera was opened.
   void count(const capture::SourceCounters& total) {
-    frames_.store(total.frames, std::memory_order_relaxed);
-    dropped_late_.store(total.dropped_late, std::memory_order_relaxed);
-    dropped_no_buffer_.store(total.dropped_no_buffer, std::memory_order_relaxed);
+    for (std::size_t i = 0; i < counters_.size(); ++i) {
+      counters_[i].store(total.*capture::kSourceCounters[i].value, std::memory_order_relaxed);
+    }
   }
-  void countReopened() { reopened_.fetch_add(1, std::memory_order_relaxed); }
-
   [[nodiscard]] capture::SourceCounters counters() const {
-    return {.frames = frames_.load(std::memory_order_relaxed),
-            .dropped_late = dropped_late_.load(std::memory_order_relaxed),
-            .dropped_no_buffer = dropped_no_buffer_.load(std::memory_order_relaxed)};
+    capture::SourceCounters total;
+    for (std::size_t i = 0; i < counters_.size(); ++i) {
+      total.*capture::kSourceCounters[i].value = counters_[i].load(std::memory_order_relaxed);
+    }
+    return total;
   }
+
+  void countReopened() { reopened_.fetch_add(1, std::memory_order_relaxed); }
   [[nodiscard]] std::uint64_t reopened() const { return reopened_.load(std::memory_order_relaxed); }
+  // Given up because nothing came from it for too long.
+  void countSilence() { silences_.fetch_add(1, std::memory_order_relaxed); }
+  [[nodiscard]] std::uint64_t silences() const { return silences_.load(std::memory_order_relaxed); }
+
+  // Frames a second, nominal, of the camera as it is open now; 0 when it does not say.
+  void setRate(double rate_hz) { rate_hz_.store(rate_hz, std::memory_order_relaxed); }
+  [[nodiscard]] double rateHz() const { return rate_hz_.load(std::memory_order_relaxed); }
+  // Of the options, how much is not as it was asked for.
+  void setRefused(std::uint64_t count) { refused_.store(count, std::memory_order_relaxed); }
+  [[nodiscard]] std::uint64_t refused() const { return refused_.load(std::memory_order_relaxed); }
 
  private:
   mutable std::mutex mutex_;
   Report report_;
   std::atomic<std::uint32_t> version_{0};
-  std::atomic<std::uint64_t> frames_{0};
-  std::atomic<std::uint64_t> dropped_late_{0};
-  std::atomic<std::uint64_t> dropped_no_buffer_{0};
+  std::array<std::atomic<std::uint64_t>, capture::kSourceCounters.size()> counters_{};
   std::atomic<std::uint64_t> reopened_{0};
+  std::atomic<std::uint64_t> silences_{0};
+  std::atomic<std::uint64_t> refused_{0};
+  std::atomic<double> rate_hz_{0.0};
 };
 
 }  // namespace waymark::daemon

@@ -40,6 +40,9 @@ Status CaptureLoop::open() {
   if (opened_before_) status_.countReopened();
   opened_before_ = true;
   log_.info("camera: " + source_->info().description);
+  for (const std::string& warning : source_->info().warnings) log_.warning("camera: " + warning);
+  status_.setRate(source_->info().rate_hz);
+  status_.setRefused(source_->info().warnings.size());
   status_.report(CameraState::kRunning, "");
   return success();
 }
@@ -65,6 +68,7 @@ void CaptureLoop::readUntilTrouble() {
       lose(*error);
       return;
     } else if (silentTooLong(last_frame)) {
+      status_.countSilence();
       lose({source_->info().description + ": no frame for " +
             std::to_string(options_.silence.count()) + " ms"});
       return;
@@ -84,12 +88,7 @@ void CaptureLoop::handOn(capture::FramePtr frame) {
 }
 
 // Counts before the frame goes on: nobody downstream ever knows of more frames than were captured.
-void CaptureLoop::countFrames() {
-  const capture::SourceCounters now = source_->counters();
-  status_.count({.frames = earlier_.frames + now.frames,
-                 .dropped_late = earlier_.dropped_late + now.dropped_late,
-                 .dropped_no_buffer = earlier_.dropped_no_buffer + now.dropped_no_buffer});
-}
+void CaptureLoop::countFrames() { status_.count(earlier_ + source_->counters()); }
 
 void CaptureLoop::lose(const Error& error) {
   if (!opener_.comes_back) {
@@ -119,10 +118,14 @@ void CaptureLoop::discardSource() {
 
 void CaptureLoop::pause() {
   const auto until = steady_clock::now() + pause_;
+  pause_ = std::min(2 * pause_, options_.longest_pause);
   while (!stopped() && steady_clock::now() < until) {
     std::this_thread::sleep_for(std::min(pause_, milliseconds(20)));
+    if (opener_.device_came && opener_.device_came()) {
+      pause_ = options_.first_pause;
+      return;
+    }
   }
-  pause_ = std::min(2 * pause_, options_.longest_pause);
 }
 
 }  // namespace waymark::daemon

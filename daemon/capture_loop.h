@@ -22,6 +22,8 @@ using FrameQueue = NewestWinsQueue<capture::FramePtr>;
 struct SourceOpener {
   std::function<Result<std::unique_ptr<capture::FrameSource>>()> open;
   bool comes_back = false;  // a device may fail and return; a recording will not get better
+  // Tells that a device has come, which ends a pause; null where nobody knows.
+  std::function<bool()> device_came = nullptr;
 };
 
 class CaptureLoop {

@@ -1,5 +1,6 @@
 #include "daemon/capture_loop.h"
 
+#include <atomic>
 #include <deque>
 #include <string>
 #include <thread>
@@ -143,6 +144,33 @@ TEST_F(CaptureLoopTest, ACameraIsOpenedAgainAsOftenAsItFails) {
   EXPECT_EQ(sequences_, (std::vector<std::uint64_t>{0, 1, 2, 3})) << "the sequence goes on";
   EXPECT_EQ(status_.counters().frames, 4u) << "counters too";
   EXPECT_EQ(status_.reopened(), 2u);
+}
+
+TEST_F(CaptureLoopTest, ADeviceThatComesEndsThePause) {
+  SourceOpener opener = scripts({{Step::kFrame, Step::kError}, {Step::kFrame, Step::kEnd}}, true);
+  std::atomic<bool> came{false};
+  opener.device_came = [&] { return came.exchange(false); };
+  CaptureLoop loop(opener, frames_, status_, log_,
+                   {.first_pause = milliseconds(60'000), .longest_pause = milliseconds(60'000)});
+  std::thread consumer([this] { consume(); });
+  std::thread capture([&] { loop.run(); });
+  while (status_.latest().state != CameraState::kLost) std::this_thread::yield();
+  std::this_thread::sleep_for(milliseconds(50));
+  EXPECT_EQ(status_.reopened(), 0u);
+  came = true;
+  capture.join();
+  consumer.join();
+  EXPECT_EQ(sequences_.size(), 2u);
+  EXPECT_EQ(status_.reopened(), 1u);
+}
+
+TEST_F(CaptureLoopTest, ACameraThatFallsSilentIsCounted) {
+  CaptureLoop loop(scripts({{Step::kFrame}, {Step::kFrame, Step::kEnd}}, true), frames_, status_,
+                   log_, kQuick);
+  std::thread consumer([this] { consume(); });
+  loop.run();
+  consumer.join();
+  EXPECT_EQ(status_.silences(), 1u);
 }
 
 TEST_F(CaptureLoopTest, StopsWhileTheCameraIsAway) {

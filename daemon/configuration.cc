@@ -7,6 +7,7 @@
 #include <utility>
 #include <vector>
 
+#include "capture/open_source.h"
 #include "daemon/lcm_link.h"
 #include "io/settings_file.h"
 #include "io/text_file.h"
@@ -38,7 +39,17 @@ std::vector<io::Setting> settings(Configuration& c) {
   std::vector<Setting> all = {
       required(textSetting("camera.source", c.camera.source)),
       pathSetting("camera.calibration", c.camera.calibration),
+      choiceSetting<slam::CalibrationFit>("camera.calibration_fit", c.camera.calibration_fit,
+                                          {{"exact", slam::CalibrationFit::kExact},
+                                           {"scale", slam::CalibrationFit::kScale},
+                                           {"crop", slam::CalibrationFit::kCrop}}),
       numberSetting("camera.rate_hz", c.camera.rate_hz, 0.1, 1000.0, "Hz"),
+      textSetting("camera.format", c.camera.device.format),
+      integerSetting("camera.width", c.camera.device.width, 16, 16384),
+      integerSetting("camera.height", c.camera.device.height, 16, 16384),
+      integerSetting("camera.buffers", c.camera.device.buffers, 3, 32),
+      numberSetting("camera.exposure_s", c.camera.device.exposure_s, 1e-6, 10.0, "s"),
+      freeSection("camera.controls", c.camera.device.controls),
       integerSetting("camera.simulator.seed", simulator.seed, 0, kMaxSeed),
       integerSetting("camera.simulator.width", simulator.width, 64, 4096),
       integerSetting("camera.simulator.height", simulator.height, 64, 4096),
@@ -72,6 +83,16 @@ Status checkTogether(const Configuration& c, const fs::path& file) {
   }
   if (simulated(c) && !c.camera.calibration.empty()) {
     return Error{file.string() + ": camera.calibration: simulated cameras bring their own"};
+  }
+  const capture::CameraOptions& device = c.camera.device;
+  if (!capture::isCamera(c.camera.source) && device != capture::CameraOptions{}) {
+    return Error{file.string() +
+                 ": camera: format, width, height, buffers, exposure_s and controls are for "
+                 "cameras, which \"" +
+                 c.camera.source + "\" is not"};
+  }
+  if ((device.width == 0) != (device.height == 0)) {
+    return Error{file.string() + ": camera: width and height go together"};
   }
   if (const std::string reason = c.slam.options.invalidReason(); !reason.empty()) {
     return Error{file.string() + ": slam: " + reason};

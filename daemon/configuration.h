@@ -6,8 +6,10 @@
 #include <string>
 
 #include "base/result.h"
+#include "capture/camera_options.h"
 #include "daemon/log.h"
 #include "io/slam_settings.h"
+#include "slam/geometry/calibration_fit.h"
 
 namespace waymark::daemon {
 
@@ -22,9 +24,11 @@ struct Configuration {
   };
 
   struct Camera {
-    std::string source;                 // "sim:SCENE", or a recording's path
-    std::filesystem::path calibration;  // of recordings; the simulator has its own
-    double rate_hz = 0.0;               // 0: the source's own
+    std::string source;                 // a camera, "sim:SCENE", or a recording's path
+    std::filesystem::path calibration;  // the simulator has its own
+    slam::CalibrationFit calibration_fit = slam::CalibrationFit::kExact;
+    double rate_hz = 0.0;           // 0: the source's own
+    capture::CameraOptions device;  // of cameras; their rate is rate_hz
     Simulator simulator;
   };
 

@@ -2,6 +2,7 @@
 
 #include <fstream>
 #include <iterator>
+#include <map>
 #include <regex>
 #include <string>
 
@@ -114,6 +115,30 @@ TEST(Configuration, SourcesWithASchemeAreNoPaths) {
       parseConfiguration("[camera]\nsource = \"sim:lab\"\n" + kSlam, "/etc/w.toml");
   ASSERT_TRUE(c) << c.error().message;
   EXPECT_EQ(c->camera.source, "sim:lab");
+}
+
+TEST(Configuration, ACameraAndWhatIsAskedOfIt) {
+  const std::string camera = "[camera]\nsource = \"v4l2:bus=usb-1\"\ncalibration = \"c.yml\"\n";
+  const Result<Configuration> c = parseConfiguration(
+      camera + "format = 'GREY'\nwidth = 1280\nheight = 800\nbuffers = 6\nexposure_s = 0.004\n" +
+          "[camera.controls]\ngain = 40\nfocus_automatic_continuous = false\n" + kSlam,
+      "/etc/w.toml");
+  ASSERT_TRUE(c) << c.error().message;
+  EXPECT_EQ(c->camera.source, "v4l2:bus=usb-1") << "no path";
+  const capture::CameraOptions& device = c->camera.device;
+  EXPECT_EQ(device.format, "GREY");
+  EXPECT_EQ(device.width, 1280);
+  EXPECT_EQ(device.height, 800);
+  EXPECT_EQ(device.buffers, 6);
+  EXPECT_EQ(device.exposure_s, 0.004);
+  EXPECT_EQ(device.controls,
+            (std::map<std::string, capture::ControlValue>{{"gain", std::int64_t{40}},
+                                                          {"focus_automatic_continuous", false}}));
+  EXPECT_EQ(errorOf(camera + "width = 640\n" + kSlam),
+            "/etc/w.toml: camera: width and height go together");
+  EXPECT_EQ(errorOf(kCamera + "buffers = 8\n" + kSlam),
+            "/etc/w.toml: camera: format, width, height, buffers, exposure_s and controls are for "
+            "cameras, which \"sim:walls\" is not");
 }
 
 TEST(Configuration, ErrorsNamePlaceKeyAndReason) {

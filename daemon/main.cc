@@ -5,6 +5,8 @@
 //
 // The main thread only waits. A stop travels the same way as a frame: capture closes its queue, the
 // SLAM loop empties it, the publisher sends what is left.
+#include <algorithm>
+#include <cstddef>
 #include <cstdio>
 #include <cstdlib>
 #include <string>
@@ -15,6 +17,7 @@
 #include <opencv2/core/utility.hpp>
 #include <pthread.h>
 
+#include "capture/open_source.h"
 #include "daemon/camera_setup.h"
 #include "daemon/capture_loop.h"
 #include "daemon/configuration.h"
@@ -44,10 +47,15 @@ std::thread startThread(const char* name, int priority, const Log& log, Run run)
   return thread;
 }
 
-SlamLoop::Options slamLoopOptions(double rate_hz) {
-  SlamLoop::Options options;
-  if (rate_hz > 0.0) options.deadline_ns = static_cast<std::int64_t>(1e9 / rate_hz);
-  return options;
+// A camera whose frames are its driver's buffers needs some of them itself: one to fill and one to
+// follow, while the SLAM loop works on a third.
+std::size_t queueDepth(const Configuration& configuration) {
+  constexpr int kOfTheCamera = 2;
+  int depth = configuration.queue.depth;
+  if (capture::isCamera(configuration.camera.source)) {
+    depth = std::min(depth, configuration.camera.device.buffers - kOfTheCamera);
+  }
+  return static_cast<std::size_t>(std::max(depth, 1));
 }
 
 int runDaemon(const Configuration& configuration, const CameraSetup& camera, StartMap start,
@@ -55,7 +63,7 @@ int runDaemon(const Configuration& configuration, const CameraSetup& camera, Sta
   StopSignal stop;       // first: threads inherit what it blocks
   cv::setNumThreads(1);  // the SLAM loop is one thread, and it does not wait for others
   CameraStatus camera_status;
-  FrameQueue frames(static_cast<std::size_t>(configuration.queue.depth));
+  FrameQueue frames(queueDepth(configuration));
   slam::Slam slam(slam::CameraModel(camera.calibration),
                   *slam::Dictionary::byName(configuration.slam.dictionary), start.options,
                   std::move(start.map));
@@ -63,7 +71,7 @@ int runDaemon(const Configuration& configuration, const CameraSetup& camera, Sta
   SlamOutput output;
 
   CaptureLoop capture_loop(camera.opener, frames, camera_status, log);
-  SlamLoop slam_loop(slam, frames, output, slamLoopOptions(camera.rate_hz));
+  SlamLoop slam_loop(slam, frames, camera_status, output);
   Publisher publisher(configuration.publish, configuration.slam.dictionary, output, camera_status,
                       frames, log);
 
@@ -115,6 +123,9 @@ int run(const std::string& configuration_file, bool check_only) {
   if (!camera) {
     log.error(camera.error().message);
     return kBadInput;
+  }
+  if (!camera->calibration_change.empty()) {
+    log.info(configuration->camera.calibration.string() + ": " + camera->calibration_change);
   }
   Result<StartMap> start = readStartMap(configuration->slam, camera->calibration);
   if (!start) {

@@ -143,10 +143,12 @@ void Publisher::publishHealth(std::int64_t now_ns) {
 void Publisher::fillCounters() {
   const capture::SourceCounters source = camera_.counters();
   health_.counters.clear();
-  addCounter("camera.frames", source.frames);
+  for (const capture::NamedSourceCounter& counter : capture::kSourceCounters) {
+    addCounter(counter.name, source.*counter.value);
+  }
   addCounter("camera.reopened", camera_.reopened());
-  addCounter("dropped.source_late", source.dropped_late);
-  addCounter("dropped.source_no_buffer", source.dropped_no_buffer);
+  addCounter("camera.silences", camera_.silences());
+  addCounter("camera.options_refused", camera_.refused());
   addCounter("dropped.queue", frames_.dropped());
   slam::forEachCounter(record_.counters, [this](const char* name, std::uint64_t value) {
     addCounter(std::string("slam.") + name, value);

@@ -6,8 +6,9 @@
 
 namespace waymark::daemon {
 
-SlamLoop::SlamLoop(slam::Slam& slam, FrameQueue& frames, SlamOutput& output, const Options& options)
-    : slam_(slam), frames_(frames), output_(output), options_(options) {}
+SlamLoop::SlamLoop(slam::Slam& slam, FrameQueue& frames, const CameraStatus& camera,
+                   SlamOutput& output, const Options& options)
+    : slam_(slam), frames_(frames), camera_(camera), output_(output), options_(options) {}
 
 void SlamLoop::run() {
   capture::FrameStamp stamp;
@@ -34,7 +35,7 @@ void SlamLoop::record(const capture::FrameStamp& stamp, const slam::FrameResult&
   record_.reason = result.reason;
   record_.pose = result.pose;
   record_.processing_ns = processing_ns;
-  record_.missed_deadline = processing_ns > options_.deadline_ns;
+  record_.missed_deadline = tookTooLong(processing_ns);
   record_.counters = slam_.counters();
   record_.seen = static_cast<int>(result.detections.size());
   const std::size_t kept = std::min(result.detections.size(), record_.markers.size());
@@ -42,6 +43,12 @@ void SlamLoop::record(const capture::FrameStamp& stamp, const slam::FrameResult&
     const slam::MarkerDetection& detection = result.detections[i];
     record_.markers[i] = {detection.id, detection.hamming, detection.pixels};
   }
+}
+
+bool SlamLoop::tookTooLong(std::int64_t processing_ns) const {
+  const double said_hz = camera_.rateHz();
+  const double rate_hz = said_hz > 0.0 ? said_hz : options_.usual_rate_hz;
+  return static_cast<double>(processing_ns) * rate_hz > 1e9;
 }
 
 void SlamLoop::handOnMapWhenDue(const capture::FrameStamp& stamp) {

@@ -30,13 +30,17 @@ struct SlamOutput {
 class SlamLoop {
  public:
   struct Options {
-    // A frame that takes longer than the time between two frames has missed its deadline.
-    std::int64_t deadline_ns = 6'666'667;
+    // A frame that takes longer than the time between two frames has missed its deadline. Of a
+    // camera that does not say how fast it goes:
+    double usual_rate_hz = 150.0;
     // The map is handed on at most this often (in frame time): it changes in bursts.
     std::int64_t map_interval_ns = 100'000'000;
   };
 
-  SlamLoop(slam::Slam& slam, FrameQueue& frames, SlamOutput& output, const Options& options);
+  SlamLoop(slam::Slam& slam, FrameQueue& frames, const CameraStatus& camera, SlamOutput& output,
+           const Options& options);
+  SlamLoop(slam::Slam& slam, FrameQueue& frames, const CameraStatus& camera, SlamOutput& output)
+      : SlamLoop(slam, frames, camera, output, Options{}) {}
 
   // The thread's body. Returns when the queue is closed and empty.
   void run();
@@ -44,11 +48,13 @@ class SlamLoop {
  private:
   void record(const capture::FrameStamp& stamp, const slam::FrameResult& result,
               std::int64_t processing_ns);
+  [[nodiscard]] bool tookTooLong(std::int64_t processing_ns) const;
   void handOnMapWhenDue(const capture::FrameStamp& stamp);
   void handOnMap(const capture::FrameStamp& stamp);
 
   slam::Slam& slam_;
   FrameQueue& frames_;
+  const CameraStatus& camera_;
   SlamOutput& output_;
   const Options options_;
   FrameRecord record_;

@@ -1,164 +1,103 @@
 #include "io/calibration_file.h"
 
 #include <algorithm>
-#include <cmath>
 #include <string>
+#include <utility>
 #include <vector>
 
-#include <opencv2/core.hpp>
-
+#include "io/json_node.h"
+#include "io/kalibr_calibration.h"
+#include "io/lens_keys.h"
 #include "io/number_text.h"
+#include "io/ros_calibration.h"
 #include "io/text_file.h"
+#include "io/yaml_text.h"
 
 namespace waymark::io {
 namespace {
 
-// Reads keys of one file. The first fault is kept; later reads then do nothing.
-class Reader {
- public:
-  Reader(const std::string& file, const cv::FileStorage& storage)
-      : file_(file), storage_(storage) {}
-
-  [[nodiscard]] const std::string& fault() const { return fault_; }
-
-  int positiveInteger(const char* key) {
-    const cv::FileNode node = find(key);
-    if (!fault_.empty()) return 0;
-    const double value = node.isInt() || node.isReal() ? static_cast<double>(node) : 0.0;
-    if (!(value >= 1.0 && value <= 1e6) || value != std::floor(value)) {
-      return fail(key, "must be a positive whole number"), 0;
-    }
-    return static_cast<int>(value);
-  }
-
-  std::string textOr(const char* key, const std::string& fallback) {
-    const cv::FileNode node = storage_[key];
-    if (node.empty()) return fallback;
-    if (!node.isString()) return fail(key, "must be a name"), fallback;
-    return static_cast<std::string>(node);
-  }
-
-  // The entries of a matrix, row by row; *rows and *columns are its size.
-  std::vector<double> matrix(const char* key, int* rows, int* columns) {
-    const cv::FileNode node = find(key);
-    if (!fault_.empty()) return {};
-    cv::Mat stored;
-    try {
-      node >> stored;
-    } catch (const cv::Exception&) {
-      stored.release();
-    }
-    if (stored.empty() || stored.dims != 2 || stored.channels() != 1) {
-      return fail(key, "must be a matrix of numbers"), std::vector<double>{};
-    }
-    cv::Mat_<double> values;
-    stored.convertTo(values, CV_64F);
-    if (!std::all_of(values.begin(), values.end(), [](double v) { return std::isfinite(v); })) {
-      return fail(key, "has a value that is not finite"), std::vector<double>{};
-    }
-    *rows = values.rows;
-    *columns = values.cols;
-    return {values.begin(), values.end()};
-  }
-
-  void fail(const char* key, const std::string& reason) {
-    if (fault_.empty()) fault_ = file_ + ": " + key + ": " + reason;
-  }
-
- private:
-  cv::FileNode find(const char* key) {
-    const cv::FileNode node = storage_[key];
-    if (node.empty()) fail(key, "is missing");
-    return node;
-  }
-
-  std::string file_;
-  const cv::FileStorage& storage_;
-  std::string fault_;
+struct Place {
+  std::filesystem::path file;
+  std::string camera;  // of a camchain; may be empty
 };
 
-void readCameraMatrix(Reader& reader, slam::Calibration* calibration) {
-  constexpr const char* kKey = "camera_matrix";
-  int rows = 0;
-  int columns = 0;
-  const std::vector<double> K = reader.matrix(kKey, &rows, &columns);
-  if (!reader.fault().empty()) return;
-  if (rows != 3 || columns != 3) {
-    return reader.fail(
-        kKey, "is " + std::to_string(rows) + "x" + std::to_string(columns) + ", must be 3x3");
-  }
-  if (K[1] != 0.0 || K[3] != 0.0 || K[6] != 0.0 || K[7] != 0.0 || K[8] != 1.0) {
-    return reader.fail(kKey, "must have the form [fx 0 cx; 0 fy cy; 0 0 1]");
-  }
-  calibration->fx = K[0];
-  calibration->fy = K[4];
-  calibration->cx = K[2];
-  calibration->cy = K[5];
+// "FILE#cam1", unless there is a file of that very name.
+Place placeOf(const std::filesystem::path& path) {
+  const std::string text = path.string();
+  const std::size_t hash = text.rfind('#');
+  std::error_code error;
+  if (hash == std::string::npos || std::filesystem::exists(path, error)) return {path, ""};
+  return {text.substr(0, hash), text.substr(hash + 1)};
 }
 
-void readDistortionModel(Reader& reader, slam::Calibration* calibration) {
-  constexpr const char* kKey = "distortion_model";
-  const std::string name = reader.textOr(kKey, "plumb_bob");
-  if (name == "plumb_bob" || name == "radtan" || name == "rational_polynomial") {
-    calibration->model = slam::DistortionModel::kRational;
-  } else if (name == "equidistant" || name == "fisheye" || name == "fisheye_equidistant") {
+// {rows, cols, data}, as OpenCV and ROS write matrices. `rows` 0: a row or a column.
+std::vector<double> readMatrix(const JsonNode& matrix, int rows, int columns) {
+  constexpr int kLargest = 1000;
+  if (!matrix.json().is_object()) return matrix.fail("must be a matrix"), std::vector<double>{};
+  const auto stored_rows = static_cast<int>(matrix.at("rows").integer(1, kLargest));
+  const auto stored_columns = static_cast<int>(matrix.at("cols").integer(1, kLargest));
+  const std::string size = std::to_string(stored_rows) + "x" + std::to_string(stored_columns);
+  if (rows == 0 && std::min(stored_rows, stored_columns) != 1) {
+    matrix.fail("is " + size + ", must be one row");
+  } else if (rows != 0 && (stored_rows != rows || stored_columns != columns)) {
+    matrix.fail("is " + size + ", must be " + std::to_string(rows) + "x" + std::to_string(columns));
+  }
+  const JsonNode data = matrix.at("data");
+  std::vector<double> values = readNumbers(data);
+  if (matrix.good() && std::cmp_not_equal(values.size(), stored_rows * stored_columns)) {
+    data.fail("must be " + std::to_string(stored_rows * stored_columns) + " numbers");
+  }
+  return values;
+}
+
+// Where OpenCV and ROS name no model, it is the first; OpenCV's sample program has a key of its own
+// for the second.
+void readModel(const JsonNode& root, slam::Calibration* calibration) {
+  if (root.has("distortion_model")) {
+    const JsonNode model = root.at("distortion_model");
+    takeDistortionModel(model.text(), model, calibration);
+  } else if (root.has("fisheye_model") && root.at("fisheye_model").integer(0, 1) == 1) {
     calibration->model = slam::DistortionModel::kEquidistant;
-  } else {
-    reader.fail(kKey, "'" + name + "' is unknown; known: plumb_bob, radtan, rational_polynomial, " +
-                          "equidistant, fisheye, fisheye_equidistant");
   }
 }
 
-void readDistortion(Reader& reader, slam::Calibration* calibration) {
-  constexpr const char* kKey = "distortion_coefficients";
-  int rows = 0;
-  int columns = 0;
-  const std::vector<double> d = reader.matrix(kKey, &rows, &columns);
-  if (!reader.fault().empty()) return;
-  const bool fisheye = calibration->model == slam::DistortionModel::kEquidistant;
-  const std::size_t n = d.size();
-  const bool known = fisheye ? n == 4 : n == 4 || n == 5 || n == 8 || n == 12 || n == 14;
-  if (std::min(rows, columns) != 1 || !known) {
-    return reader.fail(kKey, "is " + std::to_string(rows) + "x" + std::to_string(columns) +
-                                 (fisheye ? ", a fisheye lens has 4 coefficients in one row"
-                                          : ", must be 4, 5 or 8 coefficients in one row"));
-  }
-  for (std::size_t i = calibration->distortion.size(); i < n; ++i) {
-    if (d[i] != 0.0) {
-      return reader.fail(kKey, "thin prism and tilt terms (from the ninth on) must be zero");
-    }
-  }
-  std::copy_n(d.begin(), std::min(n, calibration->distortion.size()),
-              calibration->distortion.begin());
+slam::Calibration readOpenCvOrRos(const JsonNode& root) {
+  slam::Calibration calibration;
+  readImageSize(root.at("image_width"), root.at("image_height"), &calibration);
+  const JsonNode K = root.at("camera_matrix");
+  takeCameraMatrix(readMatrix(K, 3, 3), K, &calibration);
+  readModel(root, &calibration);
+  const JsonNode d = root.at("distortion_coefficients");
+  takeDistortion(readMatrix(d, 0, 0), d, &calibration);
+  return calibration;
+}
+
+// Which format it is, shows in its keys.
+slam::Calibration readAny(const JsonNode& root, const std::string& camera) {
+  if (isCamchain(root.json())) return readCamchain(root, camera);
+  if (!camera.empty()) return root.fail("has no camera '" + camera + "'"), slam::Calibration{};
+  if (isCameraInfoMessage(root.json())) return readCameraInfoMessage(root);
+  if (root.has("camera_matrix") || root.has("image_width")) return readOpenCvOrRos(root);
+  root.fail(
+      "is no calibration: has neither camera_matrix (OpenCV, ROS), nor K (a camera_info message), "
+      "nor cam0 (Kalibr)");
+  return {};
 }
 
 }  // namespace
 
 Result<slam::Calibration> readCalibration(const std::filesystem::path& path) {
-  const Result<std::string> text = readTextFile(path);
+  const Place place = placeOf(path);
+  const std::string file = place.file.string();
+  const Result<std::string> text = readTextFile(place.file);
   if (!text) return text.error();
-  const std::string file = path.string();
-  const Error not_yaml{file + ": is not an OpenCV YAML file"};
-  if (text->rfind("%YAML", 0) != 0) return Error{not_yaml.message + " (must begin with %YAML)"};
-
-  try {
-    const cv::FileStorage storage(*text, cv::FileStorage::READ | cv::FileStorage::MEMORY);
-    if (!storage.isOpened()) return not_yaml;
-    Reader reader(file, storage);
-    slam::Calibration calibration;
-    calibration.width = reader.positiveInteger("image_width");
-    calibration.height = reader.positiveInteger("image_height");
-    readCameraMatrix(reader, &calibration);
-    readDistortionModel(reader, &calibration);
-    readDistortion(reader, &calibration);
-    if (!reader.fault().empty()) return Error{reader.fault()};
-    if (const std::string reason = calibration.invalidReason(); !reason.empty()) {
-      return Error{file + ": " + reason};
-    }
-    return calibration;
-  } catch (const cv::Exception&) {
-    return not_yaml;
-  }
+  const Result<Json> yaml = parseYaml(*text, file);
+  if (!yaml) return yaml.error();
+  std::string fault;
+  const slam::Calibration calibration = readAny(JsonNode(*yaml, &fault), place.camera);
+  if (fault.empty()) fault = calibration.invalidReason();
+  if (!fault.empty()) return Error{file + ": " + fault};
+  return calibration;
 }
 
 std::string formatCalibration(const slam::Calibration& calibration) {
@@ -168,7 +107,7 @@ std::string formatCalibration(const slam::Calibration& calibration) {
       std::any_of(c.distortion.begin() + 5, c.distortion.end(), [](double v) { return v != 0.0; });
   const int coefficients = fisheye ? 4 : (rational ? 8 : 5);
 
-  // By hand rather than with cv::FileStorage: shortest round-trip numbers, and no exceptions.
+  // As cv::FileStorage writes it, but with the shortest numbers that read back.
   std::string text = "%YAML:1.0\n---\n";
   text += "image_width: " + std::to_string(c.width) + "\n";
   text += "image_height: " + std::to_string(c.height) + "\n";

@@ -1,4 +1,5 @@
-// Camera calibrations as OpenCV FileStorage YAML, the format its calibration tools write.
+// Camera calibrations: YAML of OpenCV, ROS and Kalibr in, of OpenCV out (of ROS:
+// ros_calibration.h).
 #pragma once
 
 #include <filesystem>
@@ -9,13 +10,17 @@
 
 namespace waymark::io {
 
-// Keys: image_width, image_height (pixels), camera_matrix (3x3), distortion_coefficients (4, 5 or 8
-// of them; 12 or 14 when those after the eighth are zero), and optionally distortion_model:
-// plumb_bob, radtan or rational_polynomial (the default), or equidistant, fisheye or
-// fisheye_equidistant (4 coefficients). The error names the file and the key.
+// The format shows in the keys:
+// - OpenCV and ROS camera_info: image_width, image_height (pixels), camera_matrix (3x3),
+//   distortion_coefficients (4, 5 or 8 of them; 12 or 14 when those after the eighth are zero), and
+//   optionally distortion_model: plumb_bob, radtan or rational_polynomial (the default), or
+//   equidistant, fisheye or fisheye_equidistant (4 coefficients); or OpenCV's fisheye_model: 1;
+// - a camera_info message as ROS prints it (ros_calibration.h);
+// - a camchain of Kalibr (kalibr_calibration.h). Of several cameras, "FILE#cam1" names one.
+// The error names the file and the key.
 [[nodiscard]] Result<slam::Calibration> readCalibration(const std::filesystem::path& path);
 
-// Reads back bit for bit. Precondition: calibration.invalidReason() is empty.
+// OpenCV FileStorage. Reads back bit for bit. Precondition: calibration.invalidReason() is empty.
 [[nodiscard]] std::string formatCalibration(const slam::Calibration& calibration);
 [[nodiscard]] Status writeCalibration(const std::filesystem::path& path,
                                       const slam::Calibration& calibration);

@@ -58,6 +58,14 @@ Setting number(std::string key, double least, double most, std::string_view unit
           }};
 }
 
+std::optional<FreeValue> freeValue(const toml::node& node) {
+  if (const auto whole = node.value_exact<std::int64_t>()) return *whole;
+  if (const auto number = node.value_exact<double>()) return *number;
+  if (const auto flag = node.value_exact<bool>()) return *flag;
+  if (const auto text = node.value_exact<std::string>()) return *text;
+  return {};
+}
+
 Error at(const fs::path& file, const toml::source_position& place, const std::string& what) {
   return {file.string() + ":" + std::to_string(place.line) + ":" + std::to_string(place.column) +
           ": " + what};
@@ -215,6 +223,21 @@ Setting numberSetting(std::string key, double& target, double least, double most
 Setting numberSetting(std::string key, std::optional<double>& target, double least, double most,
                       std::string_view unit) {
   return number(std::move(key), least, most, unit, [&target](double value) { target = value; });
+}
+
+Setting freeSection(std::string key, std::map<std::string, FreeValue>& target) {
+  return {std::move(key), [&target](const SettingValue& v) -> Objection {
+            const toml::table* section = v.node.as_table();
+            if (section == nullptr) return "must be a section";
+            for (const auto& [name, node] : *section) {
+              const std::optional<FreeValue> value = freeValue(node);
+              if (!value) {
+                return std::string(name.str()) + " must be a number, true or false, or text";
+              }
+              target.emplace(name.str(), *value);
+            }
+            return {};
+          }};
 }
 
 Setting wordSetting(std::string key, std::vector<std::string> words,

@@ -4,11 +4,13 @@
 #include <cstdint>
 #include <filesystem>
 #include <functional>
+#include <map>
 #include <optional>
 #include <span>
 #include <string>
 #include <string_view>
 #include <utility>
+#include <variant>
 #include <vector>
 
 #include "base/result.h"
@@ -67,6 +69,10 @@ template <typename Element>
   return {std::move(key), nullptr, false,
           [&target, keys = std::move(keys)] { return keys(target.emplace_back()); }};
 }
+
+// A section whose keys somebody else knows: each a whole number, a number, true or false, or text.
+using FreeValue = std::variant<std::int64_t, double, bool, std::string>;
+[[nodiscard]] Setting freeSection(std::string key, std::map<std::string, FreeValue>& target);
 
 // One of some words in quotes; `take` gets the index of the word.
 [[nodiscard]] Setting wordSetting(std::string key, std::vector<std::string> words,

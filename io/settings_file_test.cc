@@ -1,6 +1,7 @@
 #include "io/settings_file.h"
 
 #include <array>
+#include <map>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -104,6 +105,23 @@ TEST(SettingsFile, SectionsOfOthersArePassedOver) {
   // Neither a key of that name nor a section of it further in.
   EXPECT_FALSE(readSettings("other = 1\n[a]\nname = 'good'\n", "w.toml", settings, kOthers));
   EXPECT_FALSE(readSettings("[a]\nname = 'good'\n[a.other]\n", "w.toml", settings, kOthers));
+}
+
+TEST(SettingsFile, AFreeSectionTakesAnyKey) {
+  std::map<std::string, FreeValue> values;
+  const std::vector<Setting> settings = {freeSection("a.free", values)};
+  const auto read = [&](const std::string& text) {
+    const Status status = readSettings(text, "s.toml", settings);
+    return status ? "no error" : status.error().message;
+  };
+  EXPECT_EQ(read("[a.free]\ngain = 3\nauto = false\nshare = 0.5\nmode = 'slow'\n"), "no error");
+  EXPECT_EQ(values, (std::map<std::string, FreeValue>{{"auto", false},
+                                                      {"gain", std::int64_t{3}},
+                                                      {"mode", std::string("slow")},
+                                                      {"share", 0.5}}));
+  EXPECT_EQ(read("a.free = 3\n"), "s.toml:1:10: a.free: must be a section");
+  EXPECT_EQ(read("[a.free]\ngain = [1]\n"),
+            "s.toml:1:1: a.free: gain must be a number, true or false, or text");
 }
 
 TEST(SettingsFile, PathsCountFromTheFile) {

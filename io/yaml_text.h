@@ -8,8 +8,10 @@
 
 namespace waymark::io {
 
-// What OpenCV's parser makes of it, with or without "%YAML:1.0" at its head: maps, lists, numbers
-// and text; true and false are text. The error names the file.
+// The first document of the text: maps, lists, numbers and text. Quoted numbers are text; so are
+// true, false and what is not finite. Tags are passed over. Text that begins with "%YAML:1.0" is in
+// OpenCV's dialect, which other parsers do not take. The error is one line that names the file, and
+// the line where that is known.
 [[nodiscard]] Result<Json> parseYaml(const std::string& text, const std::string& file);
 
 }  // namespace waymark::io

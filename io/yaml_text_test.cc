@@ -23,11 +23,40 @@ TEST(YamlText, HeadAsOpenCvWritesIt) {
   EXPECT_EQ(yaml->dump(), R"({"a":1})");
 }
 
+TEST(YamlText, ListsAsDeepAsTheirKey) {
+  const auto yaml = parseYaml("a:\n- 1\n- 2.\nb:\n- [1,\n   -2e-1]\n", "f.yaml");
+  ASSERT_TRUE(yaml) << yaml.error().message;
+  EXPECT_EQ(yaml->dump(), R"({"a":[1,2.0],"b":[[1,-0.2]]})");
+}
+
+TEST(YamlText, QuotedNumbersAndWordsAreText) {
+  const auto yaml = parseYaml("a: '1'\nb: true\nc: .nan\nd: !!str 2\ne: !!thing [1]\nf:\n", "f");
+  ASSERT_TRUE(yaml) << yaml.error().message;
+  EXPECT_EQ(yaml->dump(), R"({"a":"1","b":"true","c":".nan","d":"2","e":[1],"f":null})");
+}
+
 TEST(YamlText, WhatIsNone) {
-  for (const char* text : {"", "{[", "a: [1, 2\n", "\x01\x02"}) {
+  for (const char* text : {"", "hello", "{[", "a: [1, 2\n", "\x01\x02"}) {
     const auto yaml = parseYaml(text, "f.yaml");
     ASSERT_FALSE(yaml) << text << yaml->dump();
-    EXPECT_EQ(yaml.error().message, "f.yaml: is not YAML");
+    EXPECT_EQ(yaml.error().message.find("f.yaml:"), 0U) << yaml.error().message;
+    EXPECT_NE(yaml.error().message.find("is not YAML"), std::string::npos);
+  }
+  EXPECT_EQ(parseYaml("a: 1\nb: [1, 2\n", "f.yaml").error().message.find("f.yaml:3:1: "), 0U);
+}
+
+TEST(YamlText, FilesWithoutEnd) {
+  std::string bomb = "a: &a [1, 1, 1, 1, 1, 1, 1, 1]\n";
+  for (char c = 'b'; c < 'l'; ++c) {
+    const std::string before = std::string("*") + static_cast<char>(c - 1);
+    bomb += std::string(1, c) + ": &" + c + " [" + before;
+    for (int i = 0; i < 7; ++i) bomb += ", " + before;
+    bomb += "]\n";
+  }
+  for (const std::string& text : {bomb, std::string("a: &a [*a]\n")}) {
+    const auto yaml = parseYaml(text, "f.yaml");
+    ASSERT_FALSE(yaml);
+    EXPECT_EQ(yaml.error().message, "f.yaml: is nested too deeply");
   }
 }
 

@@ -129,7 +129,7 @@ TEST_F(WaymarkTool, BadCalibrations) {
       .width = 640, .height = 480, .fx = 500.0, .fy = 500.0, .cx = 320.0, .cy = 240.0};
   ASSERT_TRUE(io::writeCalibration(directory_ / "other.yml", other).ok());
   expectBadInput(run(video(), {{"--calibration", (directory_ / "other.yml").string()}}),
-                 "grey.avi: frames are 160x120, but ");
+                 ": the pictures are 160x120, but the calibration is for ");
 }
 
 TEST_F(WaymarkTool, BadMarkers) {

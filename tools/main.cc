@@ -6,10 +6,13 @@
 #include <CLI/CLI.hpp>
 
 #include "io/number_text.h"
+#include "tools/calibrate_command.h"
+#include "tools/cameras_command.h"
 #include "tools/echo_command.h"
 #include "tools/eval_command.h"
 #include "tools/exit_code.h"
 #include "tools/map_command.h"
+#include "tools/print_command.h"
 #include "tools/run_command.h"
 #include "tools/simulate_command.h"
 
@@ -23,7 +26,10 @@ int main(int argc, char** argv) {
   addEvalCommand(app, &exit_code);
   addEchoCommand(app, &exit_code);
   addSimulateCommand(app, &exit_code);
+  addCamerasCommand(app, &exit_code);
   addMapCommand(app, &exit_code);
+  addCalibrateCommand(app, &exit_code);
+  addPrintCommand(app, &exit_code);
 
   try {
     app.parse(argc, argv);

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cstdio>
 #include <filesystem>
+#include <map>
 #include <memory>
 #include <optional>
 #include <string>
@@ -13,6 +14,7 @@
 #include <CLI/CLI.hpp>
 #include <opencv2/core.hpp>
 
+#include "daemon/stop_signal.h"
 #include "io/calibration_file.h"
 #include "io/map_file.h"
 #include "io/map_picture.h"
@@ -35,6 +37,7 @@ namespace {
 struct RunArguments {
   std::string source;
   std::string calibration;
+  slam::CalibrationFit calibration_fit = slam::CalibrationFit::kExact;
   MarkerArguments markers;
   std::string out;
   std::string map_in;
@@ -53,6 +56,7 @@ struct RunSetup {
   slam::Dictionary dictionary;
   slam::Options options;
   std::unique_ptr<RunInput> input;
+  std::string calibration_change;  // what was done to the calibration; usually nothing
   std::optional<io::OutputDirectory> output;
   std::optional<io::OutputDirectory> detections;  // the directory of --save-detections
   std::optional<io::OldMap> old_map;
@@ -97,27 +101,29 @@ Result<RunSetup> prepare(const RunArguments& arguments) {
   if (!settings) return settings.error();
   const Result<slam::Calibration> calibration = io::readCalibration(arguments.calibration);
   if (!calibration) return calibration.error();
-  const slam::CameraModel camera(*calibration);
-  Result<std::optional<io::OldMap>> old_map = oldMap(arguments, *settings, *calibration);
+  Result<OpenedInput> opened = openRunInput({.source = arguments.source,
+                                             .calibration = arguments.calibration,
+                                             .calibration_fit = arguments.calibration_fit,
+                                             .fps = arguments.fps,
+                                             .realtime = arguments.realtime},
+                                            *calibration);
+  if (!opened) return opened.error();
+  const slam::FittedCalibration& fitted = opened->fitted;
+  Result<std::optional<io::OldMap>> old_map = oldMap(arguments, *settings, fitted.calibration);
   if (!old_map) return old_map.error();
-  Result<std::unique_ptr<RunInput>> input = openRunInput({.source = arguments.source,
-                                                          .calibration = arguments.calibration,
-                                                          .fps = arguments.fps,
-                                                          .realtime = arguments.realtime},
-                                                         camera);
-  if (!input) return input.error();
   Result<std::optional<io::OutputDirectory>> detections = openDetections(arguments.save_detections);
   if (!detections) return detections.error();
   std::optional<io::OutputDirectory> output;
   if (!arguments.out.empty()) {
-    Result<io::OutputDirectory> opened = io::OutputDirectory::open(arguments.out);
-    if (!opened) return opened.error();
-    output.emplace(std::move(opened).value());
+    Result<io::OutputDirectory> directory = io::OutputDirectory::open(arguments.out);
+    if (!directory) return directory.error();
+    output.emplace(std::move(directory).value());
   }
-  RunSetup setup{camera,
+  RunSetup setup{slam::CameraModel(fitted.calibration),
                  *slam::Dictionary::byName(settings->dictionary),
                  settings->options,
-                 std::move(input).value(),
+                 std::move(opened->input),
+                 fitted.change,
                  std::move(output),
                  std::move(detections).value(),
                  std::move(old_map).value()};
@@ -129,10 +135,18 @@ Result<RunSetup> prepare(const RunArguments& arguments) {
 
 Status processAll(RunInput& input, slam::Slam& slam, StageTimer& timer, bool show_progress,
                   RunRecord* record) {
+  // A camera goes on until somebody stops it; then what was seen is written all the same.
+  std::optional<daemon::StopSignal> stop;
+  if (input.endless()) stop.emplace();
   ProgressBar bar(input.frameCount(), show_progress);
   for (;;) {
+    if (stop && stop->pending()) return success();
     const Result<std::optional<RunInput::Step>> step = input.step(slam, timer);
-    if (!step) return step.error();
+    if (!step) {
+      if (!input.endless()) return step.error();
+      std::fprintf(stderr, "waymark: %s; that was the end\n", step.error().message.c_str());
+      return success();
+    }
     if (!step.value()) return success();
     record->add((*step)->time_ns, (*step)->result, slam.counters());
     bar.update(static_cast<std::int64_t>(record->frames()), [&] {
@@ -217,7 +231,13 @@ Result<ExitCode> run(const RunArguments& arguments) {
   Result<RunSetup> prepared = prepare(arguments);
   if (!prepared) return prepared.error();
   RunSetup& setup = prepared.value();
-  if (!arguments.quiet) std::fprintf(stderr, "%s\n", setup.input->description().c_str());
+  if (!arguments.quiet) {
+    std::fprintf(stderr, "%s\n", setup.input->description().c_str());
+    if (!setup.calibration_change.empty()) {
+      std::fprintf(stderr, "%s: %s\n", arguments.calibration.c_str(),
+                   setup.calibration_change.c_str());
+    }
+  }
 
   if (setup.old_map) {
     for (const std::string& warning : setup.old_map->warnings) {
@@ -231,6 +251,9 @@ Result<ExitCode> run(const RunArguments& arguments) {
   const Status processed =
       processAll(*setup.input, slam, timer, /*show_progress=*/!arguments.quiet, &record);
   if (!processed) return processed.error();
+  if (const std::string damage = setup.input->damage(); !damage.empty()) {
+    std::fprintf(stderr, "waymark: warning: %s\n", damage.c_str());
+  }
   if (setup.input->photographs()) tryAgain(record, &slam);
   if (setup.detections) {
     const Status written =
@@ -254,17 +277,38 @@ Result<ExitCode> run(const RunArguments& arguments) {
   return record.localized() > 0 ? kDone : kNoPose;
 }
 
+void addCalibrationFit(CLI::App& command, slam::CalibrationFit& fit) {
+  using slam::CalibrationFit;
+  const std::map<std::string, CalibrationFit> names = {{"exact", CalibrationFit::kExact},
+                                                       {"scale", CalibrationFit::kScale},
+                                                       {"crop", CalibrationFit::kCrop}};
+  command
+      .add_option(
+          "--calibration-fit", fit,
+          "Images of another size than the calibration's: exact (refuse them, the default), "
+          "scale (the same view at another scale) or crop (its middle)")
+      ->transform(CLI::Transformer(names))
+      ->option_text("exact|scale|crop");
+}
+
 }  // namespace
 
 void addRunCommand(CLI::App& app, int* exit_code) {
-  CLI::App* command = app.add_subcommand("run", "Run the SLAM over a recording");
+  CLI::App* command = app.add_subcommand("run", "Run the SLAM over a recording or a camera");
   const auto arguments = std::make_shared<RunArguments>();
   command
       ->add_option("source", arguments->source,
                    "A video file, a directory of images (in the order of their names; frames.txt "
-                   "with lines FILE SECONDS, or --fps, for times), or a detections.csv")
+                   "with lines FILE SECONDS, or --fps, for times), an event log that the daemon "
+                   "recorded, a detections.csv, or a camera "
+                   "(v4l2:/dev/video0), until interrupted")
       ->required();
-  command->add_option("--calibration", arguments->calibration, "Camera, OpenCV YAML")->required();
+  command
+      ->add_option("--calibration", arguments->calibration,
+                   "Camera: YAML of OpenCV, ROS (camera_info) or Kalibr (FILE#cam1 for one of "
+                   "several)")
+      ->required();
+  addCalibrationFit(*command, arguments->calibration_fit);
   addMarkerArguments(*command, arguments->markers);
   command->add_option("--out", arguments->out,
                       "Directory for trajectory.tum, trajectory_final.tum, map.json, map.svg and "
@@ -279,7 +323,9 @@ void addRunCommand(CLI::App& app, int* exit_code) {
   command->add_option("--save-detections", arguments->save_detections,
                       "Write the corners found in each frame into this detections.csv, and a "
                       "frames.csv beside it; both can be run again");
-  command->add_option("--fps", arguments->fps, "Frame rate, instead of the recording's own, Hz")
+  command
+      ->add_option("--fps", arguments->fps,
+                   "Frame rate, instead of the recording's own or the camera's fastest, Hz")
       ->check(CLI::PositiveNumber);
   CLI::Option* no_global =
       command->add_flag("--no-global", arguments->no_global,

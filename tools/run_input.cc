@@ -5,7 +5,6 @@
 #include <utility>
 #include <variant>
 
-#include "base/image_view.h"
 #include "capture/open_source.h"
 #include "io/recorded_detections.h"
 
@@ -13,17 +12,25 @@ namespace waymark::tools {
 namespace {
 
 using std::chrono_literals::operator""ms;
+using std::chrono_literals::operator""s;
+
+// A camera that is silent for longer than any rate explains has failed.
+constexpr auto kSilence = 2s;
 
 class FrameInput final : public RunInput {
  public:
   explicit FrameInput(std::unique_ptr<capture::FrameSource> source) : source_(std::move(source)) {}
 
   [[nodiscard]] Result<std::optional<Step>> step(slam::Slam& slam, StageTimer& timer) override {
+    auto last_frame = std::chrono::steady_clock::now();
     for (;;) {
       capture::ReadResult read = source_->read(100ms);
       if (Error* error = std::get_if<Error>(&read)) return std::move(*error);
       if (std::holds_alternative<capture::EndOfStream>(read)) return std::optional<Step>{};
-      if (std::holds_alternative<capture::TimedOut>(read)) continue;
+      if (std::holds_alternative<capture::TimedOut>(read)) {
+        if (!endless() || std::chrono::steady_clock::now() - last_frame < kSilence) continue;
+        return Error{description() + ": no frame for 2 s"};
+      }
       const capture::FramePtr frame = std::get<capture::FramePtr>(std::move(read));
       const capture::FrameStamp& stamp = frame->stamp();
       if (!first_ns_) first_ns_ = source_->info().live ? stamp.monotonic_ns : 0;
@@ -39,6 +46,10 @@ class FrameInput final : public RunInput {
     return source_->info().description;
   }
   [[nodiscard]] bool photographs() const override { return source_->info().photographs; }
+  [[nodiscard]] std::string damage() const override { return source_->damage(); }
+  [[nodiscard]] bool endless() const override {
+    return source_->info().live && source_->info().frame_count < 0;
+  }
   [[nodiscard]] std::optional<std::int64_t> frameCount() const override {
     const std::int64_t count = source_->info().frame_count;
     return count >= 0 ? std::optional(count) : std::nullopt;
@@ -82,28 +93,41 @@ class DetectionsInput final : public RunInput {
   std::size_t next_ = 0;
 };
 
+Result<OpenedInput> openDetections(const RunInputOptions& options,
+                                   const slam::Calibration& calibration) {
+  if (options.fps || options.realtime) {
+    return Error{options.source + ": --fps and --realtime are for frames, not for detections"};
+  }
+  if (options.calibration_fit != slam::CalibrationFit::kExact) {
+    return Error{options.source + ": --calibration-fit is for frames, not for detections"};
+  }
+  Result<io::RecordedDetections> recorded =
+      io::readRecordedDetections(options.source, slam::CameraModel(calibration));
+  if (!recorded) return recorded.error();
+  return OpenedInput{std::make_unique<DetectionsInput>(options.source, std::move(recorded).value()),
+                     {calibration, ""}};
+}
+
 }  // namespace
 
-Result<std::unique_ptr<RunInput>> openRunInput(const RunInputOptions& options,
-                                               const slam::CameraModel& camera) {
+Result<OpenedInput> openRunInput(const RunInputOptions& options,
+                                 const slam::Calibration& calibration) {
   if (std::filesystem::path(options.source).extension() == ".csv") {
-    if (options.fps || options.realtime) {
-      return Error{options.source + ": --fps and --realtime are for frames, not for detections"};
-    }
-    Result<io::RecordedDetections> recorded = io::readRecordedDetections(options.source, camera);
-    if (!recorded) return recorded.error();
-    return std::unique_ptr<RunInput>(
-        std::make_unique<DetectionsInput>(options.source, std::move(recorded).value()));
+    return openDetections(options, calibration);
   }
+  capture::SourceOptions source_options{.fps = options.fps, .realtime = options.realtime};
+  source_options.camera.width = calibration.width;
+  source_options.camera.height = calibration.height;
   Result<std::unique_ptr<capture::FrameSource>> source =
-      capture::openSource(options.source, {.fps = options.fps, .realtime = options.realtime});
+      capture::openSource(options.source, source_options);
   if (!source) return source.error();
   const capture::StreamInfo& info = (*source)->info();
-  if (info.width != camera.width() || info.height != camera.height()) {
-    return Error{options.source + ": frames are " + sizeText(info.width, info.height) + ", but " +
-                 options.calibration + " is for " + sizeText(camera.width(), camera.height())};
+  const Result<slam::FittedCalibration> fitted =
+      slam::fitCalibration(calibration, info.width, info.height, options.calibration_fit);
+  if (!fitted) {
+    return Error{options.source + " and " + options.calibration + ": " + fitted.error().message};
   }
-  return std::unique_ptr<RunInput>(std::make_unique<FrameInput>(std::move(source).value()));
+  return OpenedInput{std::make_unique<FrameInput>(std::move(source).value()), *fitted};
 }
 
 }  // namespace waymark::tools

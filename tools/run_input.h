@@ -7,14 +7,16 @@
 #include <string>
 
 #include "base/result.h"
+#include "slam/geometry/calibration_fit.h"
 #include "slam/slam.h"
 #include "tools/stage_timer.h"
 
 namespace waymark::tools {
 
 struct RunInputOptions {
-  std::string source;         // as typed
-  std::string calibration;    // for messages: the file it came from
+  std::string source;       // as typed
+  std::string calibration;  // for messages: the file it came from
+  slam::CalibrationFit calibration_fit = slam::CalibrationFit::kExact;
   std::optional<double> fps;  // Hz
   bool realtime = false;
 };
@@ -39,13 +41,22 @@ class RunInput {
   [[nodiscard]] virtual std::optional<std::int64_t> frameCount() const = 0;
   // Images of unknown times: one need not look like the one before.
   [[nodiscard]] virtual bool photographs() const { return false; }
+  // Frames come as a camera takes them, until somebody stops it.
+  [[nodiscard]] virtual bool endless() const { return false; }
+  // What of a recording could not be read; empty when all could.
+  [[nodiscard]] virtual std::string damage() const { return {}; }
   // Frames that were never processed because their time had passed.
   [[nodiscard]] virtual std::uint64_t droppedLate() const = 0;
 };
 
+struct OpenedInput {
+  std::unique_ptr<RunInput> input;
+  slam::FittedCalibration fitted;  // the calibration for these frames
+};
+
 // A source that ends in .csv holds recorded detections; anything else is opened as frames, whose
-// size must be the camera's.
-[[nodiscard]] Result<std::unique_ptr<RunInput>> openRunInput(const RunInputOptions& options,
-                                                             const slam::CameraModel& camera);
+// size must be the calibration's, or fit it as the options say.
+[[nodiscard]] Result<OpenedInput> openRunInput(const RunInputOptions& options,
+                                               const slam::Calibration& calibration);
 
 }  // namespace waymark::tools

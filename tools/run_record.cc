@@ -136,7 +136,8 @@ std::vector<slam::PastFrame> RunRecord::framesWithoutPose() const {
   std::vector<slam::PastFrame> frames;
   for (std::size_t i = 0; i < frames_.size(); ++i) {
     const FrameRecord& frame = frames_[i];
-    if (!frame.pose) frames.push_back({i, frame.time_ns, frame.detections, {}, slam::Vector6d::Zero()});
+    if (!frame.pose)
+      frames.push_back({i, frame.time_ns, frame.detections, {}, slam::Vector6d::Zero()});
   }
   return frames;
 }

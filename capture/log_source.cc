@@ -1,0 +1,173 @@
+#include "capture/log_source.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstdint>
+#include <fstream>
+#include <string>
+#include <utility>
+
+#include "base/image_view.h"
+#include "capture/jpeg_decoder.h"
+#include "capture/recorded_image.h"
+#include "eventlog/log_reader.h"
+
+namespace waymark::capture {
+namespace {
+
+constexpr int kBuffers = 4;
+
+class LogSource final : public FrameSource {
+ public:
+  LogSource(std::filesystem::path file, eventlog::LogReader reader, const StreamInfo& info,
+            std::optional<double> fps)
+      : file_(std::move(file)),
+        reader_(std::move(reader)),
+        info_(info),
+        fps_(fps),
+        pool_(info.width, info.height, kBuffers) {}
+
+  [[nodiscard]] const StreamInfo& info() const override { return info_; }
+  [[nodiscard]] SourceCounters counters() const override { return counters_; }
+  [[nodiscard]] ReadResult read(std::chrono::milliseconds timeout) override;
+  [[nodiscard]] std::string damage() const override;
+
+ private:
+  [[nodiscard]] bool unpack(std::uint8_t* grey);
+  [[nodiscard]] FrameStamp stamp(const FrameStamp& recorded) const;
+
+  std::filesystem::path file_;
+  eventlog::LogReader reader_;
+  StreamInfo info_;
+  std::optional<double> fps_;
+  FramePool pool_;
+  JpegDecoder jpeg_;
+  bot_core::image_t message_;
+  SourceCounters counters_;
+};
+
+// The next event that is an image, decoded. Empty at the end.
+struct ReadImage {
+  Status status = success();  // why it cannot be used, if so
+  FrameStamp stamp;
+};
+Result<std::optional<ReadImage>> nextImage(eventlog::LogReader& reader, std::uint64_t sequence,
+                                           bot_core::image_t* message) {
+  for (;;) {
+    const Result<std::optional<eventlog::Event>> event = reader.next();
+    if (!event) return event.error();
+    if (!*event) return std::optional<ReadImage>();
+    if (!isImage((*event)->data)) continue;
+    ReadImage image;
+    image.status = readImage((*event)->data, sequence, message, &image.stamp);
+    return std::optional(std::move(image));
+  }
+}
+
+ReadResult LogSource::read(std::chrono::milliseconds /*timeout*/) {
+  FramePtr frame = pool_.acquire();
+  if (!frame) return TimedOut{};
+  for (;;) {
+    const Result<std::optional<ReadImage>> image =
+        nextImage(reader_, counters_.frames + counters_.dropped_corrupt, &message_);
+    if (!image) return image.error();
+    if (!*image) return EndOfStream{};
+    if (!(*image)->status || !unpack(frame->pixels())) {
+      ++counters_.dropped_corrupt;
+      continue;
+    }
+    frame->setStamp(stamp((*image)->stamp));
+    ++counters_.frames;
+    return frame;
+  }
+}
+
+bool LogSource::unpack(std::uint8_t* grey) {
+  if (message_.width != info_.width || message_.height != info_.height) return false;
+  if (message_.pixelformat == bot_core::image_t::PIXEL_FORMAT_MJPEG) {
+    return !jpeg_.decode(message_.data, info_.width, info_.height, grey);
+  }
+  const std::ptrdiff_t stride = std::max(message_.row_stride, message_.width);
+  for (int y = 0; y < info_.height; ++y) {
+    std::copy_n(message_.data.data() + y * stride, info_.width,
+                grey + static_cast<std::ptrdiff_t>(y) * info_.width);
+  }
+  return true;
+}
+
+FrameStamp LogSource::stamp(const FrameStamp& recorded) const {
+  if (!fps_) return recorded;
+  FrameStamp given = recorded;
+  given.sequence = counters_.frames;
+  given.monotonic_ns =
+      static_cast<std::int64_t>(std::llround(1e9 * static_cast<double>(given.sequence) / *fps_));
+  given.utime = given.monotonic_ns / 1000;
+  return given;
+}
+
+std::string LogSource::damage() const {
+  std::string text;
+  if (reader_.damages() > 0) {
+    text = std::to_string(reader_.damagedBytes()) + " bytes in " +
+           std::to_string(reader_.damages()) + " places hold no whole event, the first at byte " +
+           std::to_string(reader_.damage().front().offset);
+  }
+  if (counters_.dropped_corrupt > 0) {
+    text += (text.empty() ? "" : "; ") + std::to_string(counters_.dropped_corrupt) +
+            " images cannot be decoded";
+  }
+  return text.empty() ? text : file_.string() + ": " + text;
+}
+
+// The first image that can be read says the size, and the next one the rate.
+Result<StreamInfo> describe(const std::filesystem::path& file, eventlog::LogReader& reader,
+                            std::optional<double> fps) {
+  StreamInfo info;
+  std::optional<FrameStamp> first;
+  bot_core::image_t message;
+  for (;;) {
+    const Result<std::optional<ReadImage>> image = nextImage(reader, 0, &message);
+    if (!image) return image.error();
+    if (!*image && !first)
+      return Error{file.string() + ": the log holds no image that can be read"};
+    if (!*image) break;
+    if (!(*image)->status) continue;
+    if (first) {
+      const std::int64_t apart_ns = (*image)->stamp.monotonic_ns - first->monotonic_ns;
+      if (apart_ns > 0) info.rate_hz = 1e9 / static_cast<double>(apart_ns);
+      break;
+    }
+    first = (*image)->stamp;
+    info.width = message.width;
+    info.height = message.height;
+  }
+  if (fps) info.rate_hz = *fps;
+  info.description = file.string() + ", " + sizeText(info.width, info.height) + ", event log";
+  return info;
+}
+
+}  // namespace
+
+bool isEventLog(const std::filesystem::path& file) {
+  std::array<char, eventlog::kHeaderBytes> bytes{};
+  std::ifstream in(file, std::ios::binary);
+  if (!in.read(bytes.data(), bytes.size())) return false;
+  eventlog::Header header;
+  return eventlog::readHeader({reinterpret_cast<const std::uint8_t*>(bytes.data()), bytes.size()},
+                              &header);
+}
+
+Result<std::unique_ptr<FrameSource>> openLog(const std::filesystem::path& file,
+                                             std::optional<double> fps) {
+  Result<eventlog::LogReader> first = eventlog::LogReader::open(file);
+  if (!first) return first.error();
+  const Result<StreamInfo> info = describe(file, *first, fps);
+  if (!info) return info.error();
+  Result<eventlog::LogReader> reader = eventlog::LogReader::open(file);
+  if (!reader) return reader.error();
+  return std::unique_ptr<FrameSource>(
+      std::make_unique<LogSource>(file, std::move(reader).value(), *info, fps));
+}
+
+}  // namespace waymark::capture

@@ -1,0 +1,198 @@
+#include "tools/calibrate_command.h"
+
+#include <chrono>
+#include <cmath>
+#include <cstdint>
+#include <cstdio>
+#include <map>
+#include <memory>
+#include <optional>
+#include <string>
+#include <utility>
+#include <variant>
+#include <vector>
+
+#include <CLI/CLI.hpp>
+
+#include "base/clock.h"
+#include "calibration/board.h"
+#include "calibration/calibrator.h"
+#include "calibration/view_collector.h"
+#include "capture/open_source.h"
+#include "daemon/stop_signal.h"
+#include "io/marker_corners.h"
+#include "io/number_text.h"
+#include "io/slam_settings.h"
+#include "io/text_file.h"
+#include "tools/board_arguments.h"
+#include "tools/calibration_output.h"
+#include "tools/exit_code.h"
+#include "tools/progress_bar.h"
+
+namespace waymark::tools {
+namespace {
+
+using std::chrono_literals::operator""ms;
+
+struct CalibrateArguments {
+  std::string source;
+  BoardArguments board;
+  calibration::Lens lens = calibration::Lens::kPlumbBob;
+  std::string out;
+  std::optional<double> fps;
+  std::optional<double> duration_s;
+  bool quiet = false;
+};
+
+struct NamedBoard {
+  calibration::Board board;
+  std::string description;
+};
+
+// A map or a layout, with all its markers.
+Result<NamedBoard> boardOfLayout(const BoardArguments& arguments) {
+  if (arguments.columns || arguments.rows || arguments.square_size_m || arguments.marker_size_m ||
+      arguments.first_id) {
+    return Error{"--board " + arguments.board + ": says itself where its markers are"};
+  }
+  if (arguments.dictionary.empty()) return Error{"--dictionary is required with a layout"};
+  if (const auto objection = io::objectToDictionary(arguments.dictionary)) {
+    return Error{"--dictionary: " + *objection};
+  }
+  const auto corners = io::readMarkerCorners(arguments.board);
+  if (!corners) return corners.error();
+  std::vector<calibration::BoardMarker> markers;
+  for (const io::MarkerCorners& marker : *corners) markers.push_back({marker.id, marker.corners});
+  auto board = calibration::Board::fromLayout(arguments.dictionary, std::move(markers));
+  if (!board) return Error{arguments.board + ": " + board.error().message};
+  return NamedBoard{std::move(board).value(), arguments.board};
+}
+
+Result<NamedBoard> boardOf(const BoardArguments& arguments) {
+  if (arguments.board.ends_with(".json")) return boardOfLayout(arguments);
+  const Result<calibration::BoardOptions> options = boardOptions(arguments);
+  if (!options) return options.error();
+  return NamedBoard{calibration::Board(*options), calibration::describeBoard(*options)};
+}
+
+// Until the recording ends, the time is over, or somebody says stop.
+class Ending {
+ public:
+  Ending(const CalibrateArguments& arguments, bool live) {
+    if (live) stop_.emplace();
+    if (arguments.duration_s) end_ns_ = monotonicNs() + std::llround(1e9 * *arguments.duration_s);
+  }
+  [[nodiscard]] bool now() const {
+    return (stop_ && stop_->pending()) || (end_ns_ && monotonicNs() >= *end_ns_);
+  }
+
+ private:
+  std::optional<daemon::StopSignal> stop_;
+  std::optional<std::int64_t> end_ns_;
+};
+
+std::string progressText(const calibration::ViewCollector& collector) {
+  const std::string missing = collector.coverage().missing();
+  return std::to_string(collector.count()) + " views, " +
+         io::fixed(100.0 * collector.coverage().share(), 0) + " % covered" +
+         (missing.empty() ? "" : ", not yet: " + missing);
+}
+
+Result<std::vector<calibration::View>> collect(const CalibrateArguments& arguments,
+                                               const calibration::Board& board,
+                                               capture::FrameSource& source, CalibrationRun* run) {
+  const capture::StreamInfo& info = source.info();
+  calibration::BoardDetector detector(board,
+                                      calibration::roughCalibration(info.width, info.height));
+  calibration::ViewCollector collector(board, info.width, info.height);
+  const Ending ending(arguments, info.live);
+  ProgressBar bar(info.frame_count >= 0 ? std::optional(info.frame_count) : std::nullopt,
+                  /*wanted=*/!arguments.quiet);
+  while (!ending.now()) {
+    capture::ReadResult read = source.read(100ms);
+    if (Error* error = std::get_if<Error>(&read)) return std::move(*error);
+    if (std::holds_alternative<capture::EndOfStream>(read)) break;
+    if (std::holds_alternative<capture::TimedOut>(read)) continue;
+    const capture::FramePtr frame = std::get<capture::FramePtr>(std::move(read));
+    ++run->frames;
+    if (auto sight = detector.detect(frame->image())) {
+      ++run->with_board;
+      collector.offer(source.frameName(frame->stamp().sequence), std::move(*sight), frame->image());
+    }
+    bar.update(static_cast<std::int64_t>(run->frames), [&] { return progressText(collector); });
+  }
+  if (run->with_board == 0) {
+    return Error{arguments.source + ": the board is in none of " + std::to_string(run->frames) +
+                 " frames (" + run->board + ")"};
+  }
+  return std::move(collector).take();
+}
+
+Status calibrate(const CalibrateArguments& arguments) {
+  const Result<NamedBoard> named = boardOf(arguments.board);
+  if (!named) return named.error();
+  const auto source =
+      capture::openSource(arguments.source, {.fps = arguments.fps, .realtime = false});
+  if (!source) return source.error();
+  Result<io::OutputDirectory> output = io::OutputDirectory::open(arguments.out);
+  if (!output) return output.error();
+  CalibrationRun run{.source = (*source)->info().description, .board = named->description};
+  if (!arguments.quiet) std::fprintf(stderr, "%s; %s\n", run.source.c_str(), run.board.c_str());
+  auto views = collect(arguments, named->board, **source, &run);
+  if (!views) return views.error();
+  const auto report =
+      calibration::calibrateCamera(named->board, std::move(views).value(), arguments.lens);
+  if (!report) return Error{arguments.source + ": " + report.error().message};
+  addCalibrationFiles(run, *report, &*output);
+  if (const Status written = output->commit(); !written) return written;
+  if (!arguments.quiet) std::fputs(calibrationText(run, *report).c_str(), stdout);
+  return success();
+}
+
+void addOptions(CLI::App* command, CalibrateArguments* a) {
+  using calibration::Lens;
+  const std::map<std::string, Lens> lenses = {{"plumb_bob", Lens::kPlumbBob},
+                                              {"rational", Lens::kRational},
+                                              {"equidistant", Lens::kEquidistant}};
+  command
+      ->add_option("source", a->source,
+                   "A camera, a video file or a directory of images that show the board from many "
+                   "sides; a camera until Ctrl-C")
+      ->required();
+  addBoardArguments(*command,
+                    "the FILE.toml that waymark print board wrote, or a flat layout or map of "
+                    "markers, FILE.json",
+                    a->board);
+  command
+      ->add_option("--model", a->lens,
+                   "plumb_bob (most lenses; the default), rational (wide ones) or equidistant "
+                   "(fisheyes)")
+      ->transform(CLI::Transformer(lenses))
+      ->option_text("plumb_bob|rational|equidistant");
+  command
+      ->add_option("--out", a->out,
+                   "Directory for calib.yml (OpenCV), camera_info.yaml (ROS), calibration.json and "
+                   "calibration.png")
+      ->required();
+  command->add_option("--fps", a->fps, "Frame rate, instead of the recording's own, Hz")
+      ->check(CLI::PositiveNumber);
+  command->add_option("--duration", a->duration_s, "Look at a camera for so long, seconds")
+      ->check(CLI::PositiveNumber);
+  command->add_flag("--quiet", a->quiet, "Say nothing but errors");
+}
+
+}  // namespace
+
+void addCalibrateCommand(CLI::App& app, int* exit_code) {
+  CLI::App* const command = app.add_subcommand(
+      "calibrate", "Calibrate a camera from views of a board that waymark print board has made");
+  const auto arguments = std::make_shared<CalibrateArguments>();
+  addOptions(command, arguments.get());
+  command->callback([arguments, exit_code] {
+    const Status status = calibrate(*arguments);
+    if (!status) std::fprintf(stderr, "waymark: %s\n", status.error().message.c_str());
+    *exit_code = status ? kDone : kBadInput;
+  });
+}
+
+}  // namespace waymark::tools
