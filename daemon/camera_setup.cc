@@ -56,11 +56,12 @@ Result<CameraSetup> prepareSimulator(const Configuration& configuration) {
 }
 
 capture::SourceOptions sourceOptions(const Configuration::Camera& camera,
-                                     const slam::Calibration& calibration) {
+                                     const slam::Calibration& calibration, bool keep_jpeg) {
   capture::SourceOptions options;
   options.realtime = true;
   if (camera.rate_hz > 0.0) options.fps = camera.rate_hz;
   options.camera = camera.device;
+  options.camera.keep_jpeg = keep_jpeg;
   if (options.camera.width == 0) {
     options.camera.width = calibration.width;
     options.camera.height = calibration.height;
@@ -85,10 +86,11 @@ Result<PictureSize> pictureSize(const std::string& source, const capture::Camera
   return PictureSize{info.width, info.height, info.description};
 }
 
-Result<CameraSetup> prepareSource(const Configuration::Camera& camera) {
+// keep_jpeg: frames carry the camera's own pictures along, for the recorder.
+Result<CameraSetup> prepareSource(const Configuration::Camera& camera, bool keep_jpeg) {
   const Result<slam::Calibration> calibration = io::readCalibration(camera.calibration);
   if (!calibration) return calibration.error();
-  const capture::SourceOptions options = sourceOptions(camera, *calibration);
+  const capture::SourceOptions options = sourceOptions(camera, *calibration, keep_jpeg);
   Result<capture::Opener> opener = capture::sourceOpener(camera.source, options);
   if (!opener) return opener.error();
   const Result<PictureSize> size = pictureSize(camera.source, options.camera, *opener);
@@ -112,8 +114,10 @@ Result<CameraSetup> prepareSource(const Configuration::Camera& camera) {
 }  // namespace
 
 Result<CameraSetup> prepareCamera(const Configuration& configuration) {
-  return configuration.camera.source.starts_with(kSimulated) ? prepareSimulator(configuration)
-                                                             : prepareSource(configuration.camera);
+  const bool keep_jpeg = !configuration.record.directory.empty() && configuration.record.images;
+  return configuration.camera.source.starts_with(kSimulated)
+             ? prepareSimulator(configuration)
+             : prepareSource(configuration.camera, keep_jpeg);
 }
 
 }  // namespace waymark::daemon

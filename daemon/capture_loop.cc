@@ -84,6 +84,7 @@ void CaptureLoop::handOn(capture::FramePtr frame) {
   }
   next_sequence_ = frame->stamp().sequence + 1;
   countFrames();
+  if (tap_) tap_(*frame);
   frames_.push(std::move(frame));
 }
 

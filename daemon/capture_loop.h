@@ -45,6 +45,10 @@ class CaptureLoop {
   // frames may still be out.
   void run();
 
+  // Every frame goes there as well, before it goes into the queue. Before run().
+  using FrameTap = std::function<void(const capture::Frame&)>;
+  void setTap(FrameTap tap) { tap_ = std::move(tap); }
+
   void requestStop() { stop_.store(true, std::memory_order_relaxed); }
 
   // After run(): why the recording could not be opened or read, if so.
@@ -66,6 +70,7 @@ class CaptureLoop {
   CameraStatus& status_;
   const Log& log_;
   const Options options_;
+  FrameTap tap_;
 
   std::unique_ptr<capture::FrameSource> source_;
   capture::SourceCounters earlier_;  // of the sources before this one

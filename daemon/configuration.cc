@@ -9,6 +9,7 @@
 
 #include "capture/open_source.h"
 #include "daemon/lcm_link.h"
+#include "io/pose_settings.h"
 #include "io/settings_file.h"
 #include "io/text_file.h"
 
@@ -55,6 +56,8 @@ std::vector<io::Setting> settings(Configuration& c) {
       integerSetting("camera.simulator.height", simulator.height, 64, 4096),
       numberSetting("camera.simulator.loop_s", simulator.loop_s, 0.1, 120.0, "s"),
       pathSetting("camera.simulator.truth_dir", simulator.truth_dir),
+      positionSetting("body.p_m", c.body.T_b_c),
+      orientationSetting("body.q_wxyz", c.body.T_b_c),
       integerSetting("queue.depth", c.queue.depth, 1, 64),
       integerSetting("realtime.capture_priority", c.realtime.capture_priority, 0, 99),
       integerSetting("realtime.slam_priority", c.realtime.slam_priority, 0, 99),
@@ -64,6 +67,17 @@ std::vector<io::Setting> settings(Configuration& c) {
       textSetting("publish.channel_prefix", c.publish.channel_prefix, objectToChannel),
       textSetting("publish.pose_channel", c.publish.pose_channel, objectToChannel),
       flagSetting("publish.detections", c.publish.detections),
+      pathSetting("record.directory", c.record.directory),
+      flagSetting("record.at_start", c.record.at_start),
+      flagSetting("record.images", c.record.images),
+      integerSetting("record.jpeg_quality", c.record.jpeg_quality, 0, 100),
+      textSetting("record.image_channel", c.record.image_channel, objectToChannel),
+      integerSetting("record.file_mib", c.record.file_mib, 1, 1'000'000),
+      integerSetting("record.file_s", c.record.file_s, 1, 1'000'000),
+      integerSetting("record.quota_mib", c.record.quota_mib, 0, 100'000'000),
+      integerSetting("record.keep_free_mib", c.record.keep_free_mib, 0, 100'000'000),
+      integerSetting("record.flush_ms", c.record.flush_ms, 10, 60'000),
+      integerSetting("record.buffer_mib", c.record.buffer_mib, 1, 4096),
       choiceSetting<LogLevel>("log.level", c.log.level,
                               {{"error", LogLevel::kError},
                                {"warning", LogLevel::kWarning},
@@ -97,6 +111,10 @@ Status checkTogether(const Configuration& c, const fs::path& file) {
   if (const std::string reason = c.slam.options.invalidReason(); !reason.empty()) {
     return Error{file.string() + ": slam: " + reason};
   }
+  if (c.record.quota_mib > 0 && c.record.quota_mib < c.record.file_mib) {
+    return Error{file.string() + ": record.quota_mib: smaller than one file (record.file_mib, " +
+                 std::to_string(c.record.file_mib) + ")"};
+  }
   const io::MapSettings& map = c.slam.map;
   if (map.localise_only && map.in.empty()) {
     return Error{file.string() + ": slam.localize_only: needs slam.map_in"};
@@ -114,6 +132,7 @@ void resolvePaths(const fs::path& file, Configuration& c) {
   };
   resolve(c.camera.calibration);
   resolve(c.camera.simulator.truth_dir);
+  resolve(c.record.directory);
   resolve(c.slam.map.in);
   resolve(c.slam.map.out);
   const std::string_view source = c.camera.source;

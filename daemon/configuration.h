@@ -7,6 +7,7 @@
 
 #include "base/result.h"
 #include "capture/camera_options.h"
+#include "daemon/body_motion.h"
 #include "daemon/log.h"
 #include "io/slam_settings.h"
 #include "slam/geometry/calibration_fit.h"
@@ -50,15 +51,32 @@ struct Configuration {
     bool detections = true;
   };
 
+  // Into LCM event logs; recorder.h.
+  struct Record {
+    std::filesystem::path directory;  // empty: there is no recorder
+    bool at_start = true;             // else when somebody asks for it
+    bool images = true;               // else only what is published
+    int jpeg_quality = 0;             // 1 to 100, for grey images; 0: as they are
+    std::string image_channel = "CAMERA";
+    int file_mib = 2048;      // MiB; then the next file begins
+    int file_s = 600;         // seconds; likewise
+    int quota_mib = 0;        // MiB of all recordings; the oldest give way. 0: no limit
+    int keep_free_mib = 500;  // MiB of the disk, left to others
+    int flush_ms = 1000;      // milliseconds that a power cut may cost
+    int buffer_mib = 64;      // MiB of frames that wait for the disk
+  };
+
   struct Logging {
     LogLevel level = LogLevel::kInfo;
   };
 
   Camera camera;
+  BodyMotion::Options body;  // T_b_c
   io::SlamSettings slam;
   Queue queue;
   RealTime realtime;
   Publish publish;
+  Record record;
   Logging log;
 };
 

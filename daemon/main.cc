@@ -1,10 +1,14 @@
 // waymarkd: camera in, poses out. This file is the wiring diagram:
 //
-//   capture thread --> [newest wins] --> SLAM thread --> [records, map] --> publisher thread -->
-//   LCM
+//   capture thread --> [newest wins] --> SLAM thread --> [records, map] --> publisher thread
+//        |                                    ^                                |    |    |
+//        |                                  nudges                         [health] v    |
+//        |                                    '---- housekeeping thread <------'   LCM   |
+//        '--- [frames] ------------> recorder thread <------------- [messages] ----------'
 //
 // The main thread only waits. A stop travels the same way as a frame: capture closes its queue, the
-// SLAM loop empties it, the publisher sends what is left.
+// SLAM loop empties it, the publisher sends what is left, the recorder writes it down, and
+// housekeeping tells what came of it.
 #include <algorithm>
 #include <cstddef>
 #include <cstdio>
@@ -21,12 +25,17 @@
 #include "daemon/camera_setup.h"
 #include "daemon/capture_loop.h"
 #include "daemon/configuration.h"
+#include "daemon/housekeeper.h"
 #include "daemon/log.h"
 #include "daemon/map_keeper.h"
 #include "daemon/publisher.h"
 #include "daemon/realtime.h"
+#include "daemon/recorder.h"
+#include "daemon/recorder_setup.h"
+#include "daemon/service_manager.h"
 #include "daemon/slam_loop.h"
 #include "daemon/stop_signal.h"
+#include "daemon/triple_buffer.h"
 #include "slam/slam.h"
 
 namespace waymark::daemon {
@@ -58,8 +67,9 @@ std::size_t queueDepth(const Configuration& configuration) {
   return static_cast<std::size_t>(std::max(depth, 1));
 }
 
+// recorder: may be null.
 int runDaemon(const Configuration& configuration, const CameraSetup& camera, StartMap start,
-              const Log& log) {
+              Recorder* recorder, const Log& log) {
   StopSignal stop;       // first: threads inherit what it blocks
   cv::setNumThreads(1);  // the SLAM loop is one thread, and it does not wait for others
   CameraStatus camera_status;
@@ -69,11 +79,21 @@ int runDaemon(const Configuration& configuration, const CameraSetup& camera, Sta
                   std::move(start.map));
   for (const std::string& note : start.notes) log.info(note);
   SlamOutput output;
+  TripleBuffer<health_t> health;
+  const ServiceManager service{};
 
   CaptureLoop capture_loop(camera.opener, frames, camera_status, log);
   SlamLoop slam_loop(slam, frames, camera_status, output);
-  Publisher publisher(configuration.publish, configuration.slam.dictionary, output, camera_status,
-                      frames, log);
+  Publisher publisher(configuration.publish, configuration.body, configuration.slam.dictionary,
+                      output, camera_status, frames, health, log);
+  Housekeeper housekeeper(frames, output, health, service, log,
+                          {.watchdog_ns = ServiceManager::watchdogNs()});
+
+  if (recorder != nullptr) {
+    capture_loop.setTap([&](const capture::Frame& frame) { recorder->addFrame(frame); });
+    publisher.setTap([&](auto... message) { recorder->addMessage(message...); });
+    publisher.addCounters([&](const CounterSink& sink) { recorder->tellCounters(sink); });
+  }
 
   const Configuration::RealTime& realtime = configuration.realtime;
   if (realtime.lock_memory) {
@@ -88,13 +108,28 @@ int runDaemon(const Configuration& configuration, const CameraSetup& camera, Sta
   std::thread capture_thread =
       startThread("wm-capture", realtime.capture_priority, log, [&] { capture_loop.run(); });
 
+  std::thread recorder_thread;
+  if (recorder != nullptr) {
+    recorder_thread = startThread("wm-recorder", 0, log, [&] { recorder->run(); });
+  }
+  std::thread housekeeping_thread =
+      startThread("wm-housekeeping", 0, log, [&] { housekeeper.run(); });
+  service.ready();
+
   stop.wait();
+  service.stopping();
   // Opening a source cannot be interrupted, and nothing has begun that would need an end.
   if (camera_status.firstOpening()) std::_Exit(kDone);
   capture_loop.requestStop();
   capture_thread.join();
   slam_thread.join();
   publisher_thread.join();
+  if (recorder != nullptr) {
+    recorder->requestStop();
+    recorder_thread.join();
+  }
+  housekeeper.requestStop();
+  housekeeping_thread.join();
 
   const Result<std::string> saved = saveMap(configuration.slam, slam);
   if (!saved) {
@@ -133,7 +168,13 @@ int run(const std::string& configuration_file, bool check_only) {
     return kBadInput;
   }
   if (check_only) return kDone;
-  return runDaemon(*configuration, *camera, std::move(start).value(), log);
+  const Result<std::unique_ptr<Recorder>> recorder =
+      makeRecorder(*configuration, configuration_file, camera->calibration, log);
+  if (!recorder) {
+    log.error(recorder.error().message);
+    return kBadInput;
+  }
+  return runDaemon(*configuration, *camera, std::move(start).value(), recorder->get(), log);
 }
 
 }  // namespace

@@ -5,8 +5,6 @@
 namespace waymark::daemon {
 namespace {
 
-constexpr double kLongestPauseS = 0.5;  // a velocity across more than this says nothing
-
 // 500 markers of 68 bytes: 34 kB, well below the 60 kB above which messages get lost in the field.
 constexpr int kMarkersPerPiece = 500;
 
@@ -149,26 +147,12 @@ void fillMapPiece(const MapSnapshot& map, const std::string& dictionary, std::in
   }
 }
 
-void BotCorePoses::fill(const FrameRecord& record, bot_core::pose_t& message) {
-  const slam::Transform& T_w_b = record.pose->T_w_c;
-  Eigen::Vector3d velocity_b = Eigen::Vector3d::Zero();
-  Eigen::Vector3d rotation_rate_b = Eigen::Vector3d::Zero();
-  if (previous_) {
-    const double dt_s =
-        1e-9 * static_cast<double>(record.stamp.monotonic_ns - previous_->monotonic_ns);
-    if (dt_s > 0.0 && dt_s <= kLongestPauseS) {
-      velocity_b = T_w_b.R.transpose() * (T_w_b.p - previous_->T_w_b.p) / dt_s;
-      // The rotation from the earlier body frame to the later one has its axis in both alike.
-      rotation_rate_b = slam::logSo3(previous_->T_w_b.R.transpose() * T_w_b.R) / dt_s;
-    }
-  }
-  previous_ = {record.stamp.monotonic_ns, T_w_b};
-
-  message.utime = record.stamp.utime;
-  put(T_w_b.p, message.pos);
-  put(velocity_b, message.vel);
-  put(T_w_b.quaternion(), message.orientation);
-  put(rotation_rate_b, message.rotation_rate);
+void fillBotCorePose(const BodyState& state, std::int64_t utime, bot_core::pose_t& message) {
+  message.utime = utime;
+  put(state.T_w_b.p, message.pos);
+  put(state.velocity_b, message.vel);
+  put(state.T_w_b.quaternion(), message.orientation);
+  put(state.rotation_rate_b, message.rotation_rate);
   std::ranges::fill(message.accel, 0.0);
 }
 

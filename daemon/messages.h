@@ -7,6 +7,7 @@
 
 #include <bot_core/pose_t.hpp>
 
+#include "daemon/body_motion.h"
 #include "daemon/frame_record.h"
 #include <waymark/detections_t.hpp>
 #include <waymark/map_t.hpp>
@@ -33,20 +34,7 @@ void fillDetections(const FrameRecord& record, const std::string& dictionary,
 void fillMapPiece(const MapSnapshot& map, const std::string& dictionary, std::int64_t revision,
                   int piece, map_t& message);
 
-// Body poses for bot_core subscribers. The body is the camera. Velocities are the differences of
-// consecutive localised frames, in the body frame of the later one; zero for the first pose and
-// after a pause of more than half a second.
-class BotCorePoses {
- public:
-  // Precondition: record.pose has a value.
-  void fill(const FrameRecord& record, bot_core::pose_t& message);
-
- private:
-  struct Previous {
-    std::int64_t monotonic_ns = 0;
-    slam::Transform T_w_b;
-  };
-  std::optional<Previous> previous_;
-};
+// For subscribers that know bot_core only.
+void fillBotCorePose(const BodyState& state, std::int64_t utime, bot_core::pose_t& message);
 
 }  // namespace waymark::daemon

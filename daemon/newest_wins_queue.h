@@ -64,21 +64,32 @@ class NewestWinsQueue {
            !consumer_busy_.load(std::memory_order_acquire);
   }
 
-  // Consumer: the oldest waiting item; waits for one. Null when the queue is closed and empty.
-  // Precondition: the item popped before has been let go.
+  // Consumer: the oldest waiting item; waits for one. Null when there is none and the queue is
+  // closed, or somebody nudges. Precondition: the item popped before has been let go.
   [[nodiscard]] Pointer pop() {
     for (;;) {
       const std::uint32_t seen = signal_.load(std::memory_order_acquire);
       const bool closed = closed_.load(std::memory_order_acquire);
+      const bool nudged = nudged_.exchange(false, std::memory_order_acq_rel);
       consumer_busy_.store(true, std::memory_order_relaxed);
       if (Pointer item = take()) return item;
       consumer_busy_.store(false, std::memory_order_release);
-      if (closed) return nullptr;
+      if (closed || nudged) return nullptr;
       signal_.wait(seen, std::memory_order_acquire);
     }
   }
 
-  // Any thread.
+  // Consumer: nothing waits, and nothing will come.
+  [[nodiscard]] bool finished() const {
+    return closed_.load(std::memory_order_acquire) &&
+           read_.load(std::memory_order_acquire) == write_.load(std::memory_order_acquire);
+  }
+
+  // Any thread: lets a consumer that waits look around, and see what else there is to do.
+  void nudge() {
+    nudged_.store(true, std::memory_order_release);
+    wake();
+  }
   [[nodiscard]] std::uint64_t pushed() const { return write_.load(std::memory_order_relaxed); }
   [[nodiscard]] std::uint64_t dropped() const { return dropped_.load(std::memory_order_relaxed); }
 
@@ -115,6 +126,7 @@ class NewestWinsQueue {
   std::atomic<std::uint64_t> dropped_{0};
   std::atomic<std::uint32_t> signal_{0};
   std::atomic<bool> closed_{false};
+  std::atomic<bool> nudged_{false};
   alignas(64) std::atomic<std::uint64_t> read_{0};
   std::atomic<bool> consumer_busy_{false};
 };

@@ -48,6 +48,23 @@ TEST(NewestWinsQueue, DropsTheOldestWhenFullAndGivesItBack) {
   EXPECT_EQ(queue.pop()->stamp().sequence, 4u);
 }
 
+TEST(NewestWinsQueue, ANudgeWakesAConsumerThatWaits) {
+  FramePool pool(1, 1, 2);
+  FrameQueue queue(2);
+  std::thread nudger([&] {
+    std::this_thread::sleep_for(std::chrono::milliseconds(20));
+    queue.nudge();
+  });
+  EXPECT_EQ(queue.pop(), nullptr);
+  EXPECT_FALSE(queue.finished());
+  nudger.join();
+  queue.nudge();
+  queue.push(numbered(pool, 1));
+  EXPECT_EQ(queue.pop()->stamp().sequence, 1U) << "frames come first";
+  queue.close();
+  EXPECT_TRUE(queue.finished());
+}
+
 TEST(NewestWinsQueue, GivesTheRestAfterCloseThenNull) {
   FramePool pool(1, 1, 2);
   FrameQueue queue(2);

@@ -31,9 +31,9 @@ std::int8_t cameraState(CameraState state) {
 
 }  // namespace
 
-Publisher::Publisher(const Configuration::Publish& options, std::string dictionary,
-                     SlamOutput& input, const CameraStatus& camera, const FrameQueue& frames,
-                     const Log& log)
+Publisher::Publisher(const Configuration::Publish& options, const BodyMotion::Options& body,
+                     std::string dictionary, SlamOutput& input, const CameraStatus& camera,
+                     const FrameQueue& frames, TripleBuffer<health_t>& health, const Log& log)
     : options_(options),
       dictionary_(std::move(dictionary)),
       pose_channel_(options.channel_prefix + "POSE"),
@@ -43,8 +43,10 @@ Publisher::Publisher(const Configuration::Publish& options, std::string dictiona
       input_(input),
       camera_(camera),
       frames_(frames),
+      health_out_(health),
       link_(options.url, log),
-      started_ns_(monotonicNs()) {
+      started_ns_(monotonicNs()),
+      body_(body) {
   health_.version = WAYMARK_VERSION;
 }
 
@@ -77,7 +79,8 @@ void Publisher::publishFrame() {
   if (pose_.status != status_before) health_changed_ = true;
 
   if (record_.pose) {
-    bot_core_poses_.fill(record_, bot_core_pose_);
+    fillBotCorePose(body_.update(*record_.pose, record_.stamp.monotonic_ns), record_.stamp.utime,
+                    bot_core_pose_);
     send(options_.pose_channel, bot_core_pose_);
   }
   if (options_.detections) {
@@ -135,6 +138,8 @@ void Publisher::publishHealth(std::int64_t now_ns) {
   health_.temperatures = readTemperatures();
   health_.temperature_count = static_cast<std::int32_t>(health_.temperatures.size());
   send(health_channel_, health_);
+  health_out_.writeBuffer() = health_;
+  health_out_.publish();
 }
 
 // Every frame and every reason for which one may get lost, in the order of its way. What the source
@@ -159,6 +164,9 @@ void Publisher::fillCounters() {
   addCounter("published.poses", poses_sent_);
   addCounter("unsent.link_down", unsent_.link_down);
   addCounter("unsent.too_large", unsent_.too_large);
+  for (const CounterSource& counters : others_) {
+    counters([this](const char* name, std::uint64_t value) { addCounter(name, value); });
+  }
   health_.counter_count = static_cast<std::int32_t>(health_.counters.size());
 }
 
@@ -175,7 +183,9 @@ bool Publisher::send(const std::string& channel, const Message& message) {
     ++unsent_.too_large;
     return false;
   }
-  if (!link_.publish(channel, std::span(bytes_).first(static_cast<std::size_t>(size)))) {
+  const auto encoded = std::span<const std::uint8_t>(bytes_).first(static_cast<std::size_t>(size));
+  if (tap_) tap_(channel, encoded, wallUs());
+  if (!link_.publish(channel, encoded)) {
     ++unsent_.link_down;
     return false;
   }

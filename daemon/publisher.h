@@ -3,25 +3,41 @@
 
 #include <array>
 #include <cstdint>
+#include <functional>
 #include <memory>
 #include <optional>
+#include <span>
 #include <string>
+#include <string_view>
+#include <utility>
+#include <vector>
 
+#include "daemon/body_motion.h"
 #include "daemon/camera_status.h"
 #include "daemon/configuration.h"
+#include "daemon/counter_source.h"
 #include "daemon/frame_statistics.h"
 #include "daemon/lcm_link.h"
 #include "daemon/messages.h"
 #include "daemon/slam_loop.h"
+#include "daemon/triple_buffer.h"
 #include <waymark/health_t.hpp>
 
 namespace waymark::daemon {
 
 class Publisher {
  public:
-  // `dictionary` is its name, for subscribers.
-  Publisher(const Configuration::Publish& options, std::string dictionary, SlamOutput& input,
-            const CameraStatus& camera, const FrameQueue& frames, const Log& log);
+  // `dictionary` is its name, for subscribers. Health messages are also left in `health`.
+  Publisher(const Configuration::Publish& options, const BodyMotion::Options& body,
+            std::string dictionary, SlamOutput& input, const CameraStatus& camera,
+            const FrameQueue& frames, TripleBuffer<health_t>& health, const Log& log);
+
+  // Every message goes there as well, encoded, whether or not it can be sent. Before run().
+  using MessageTap = std::function<void(std::string_view channel,
+                                        std::span<const std::uint8_t> bytes, std::int64_t utime)>;
+  void setTap(MessageTap tap) { tap_ = std::move(tap); }
+  // Counters of others for the health messages. Before run().
+  void addCounters(CounterSource counters) { others_.push_back(std::move(counters)); }
 
   // The thread's body. Returns when the SLAM loop has finished and all it left is sent.
   void run();
@@ -55,6 +71,9 @@ class Publisher {
   SlamOutput& input_;
   const CameraStatus& camera_;
   const FrameQueue& frames_;
+  TripleBuffer<health_t>& health_out_;
+  std::vector<CounterSource> others_;
+  MessageTap tap_;
   LcmLink link_;
   const std::int64_t started_ns_;
 
@@ -67,7 +86,7 @@ class Publisher {
   bot_core::pose_t bot_core_pose_{};
   std::array<std::uint8_t, kMaxMessageBytes> bytes_{};
 
-  BotCorePoses bot_core_poses_;
+  BodyMotion body_;
   FrameStatistics statistics_;
   Unsent unsent_;
   std::uint64_t poses_sent_ = 0;    // of frames

@@ -8,24 +8,32 @@ namespace waymark::daemon {
 
 SlamLoop::SlamLoop(slam::Slam& slam, FrameQueue& frames, const CameraStatus& camera,
                    SlamOutput& output, const Options& options)
-    : slam_(slam), frames_(frames), camera_(camera), output_(output), options_(options) {}
+    : slam_(slam), frames_(frames), camera_(camera), output_(output), options_(options) {
+  output_.alive_ns.store(monotonicNs(), std::memory_order_relaxed);
+}
 
 void SlamLoop::run() {
-  capture::FrameStamp stamp;
-  while (capture::FramePtr frame = frames_.pop()) {
-    const std::int64_t begin_ns = monotonicNs();
-    stamp = frame->stamp();
-    const slam::FrameResult result =
-        slam_.processFrame(frame->image(), {stamp.sequence, stamp.monotonic_ns});
-    record(stamp, result, monotonicNs() - begin_ns);
-    if (!output_.records.try_enqueue(record_)) {
-      output_.records_lost.fetch_add(1, std::memory_order_relaxed);
-    }
-    map_changed_ |= result.map_changed;
-    handOnMapWhenDue(stamp);
+  while (!frames_.finished()) {
+    const capture::FramePtr frame = frames_.pop();
+    output_.alive_ns.store(monotonicNs(), std::memory_order_relaxed);
+    if (frame) process(*frame);
   }
-  if (map_changed_) handOnMap(stamp);
+  if (map_changed_) handOnMap(last_stamp_);
   output_.finished.store(true, std::memory_order_release);
+}
+
+void SlamLoop::process(const capture::Frame& frame) {
+  const std::int64_t begin_ns = monotonicNs();
+  const capture::FrameStamp& stamp = frame.stamp();
+  const slam::FrameResult result =
+      slam_.processFrame(frame.image(), {stamp.sequence, stamp.monotonic_ns});
+  record(stamp, result, monotonicNs() - begin_ns);
+  if (!output_.records.try_enqueue(record_)) {
+    output_.records_lost.fetch_add(1, std::memory_order_relaxed);
+  }
+  map_changed_ |= result.map_changed;
+  handOnMapWhenDue(stamp);
+  last_stamp_ = stamp;
 }
 
 void SlamLoop::record(const capture::FrameStamp& stamp, const slam::FrameResult& result,

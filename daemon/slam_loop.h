@@ -24,7 +24,8 @@ struct SlamOutput {
   moodycamel::BlockingReaderWriterCircularBuffer<FrameRecord> records{kRecords};
   std::atomic<std::uint64_t> records_lost{0};
   TripleBuffer<MapSnapshot> map;
-  std::atomic<bool> finished{false};  // nothing more will come
+  std::atomic<std::int64_t> alive_ns{0};  // monotonic, when the loop last came round
+  std::atomic<bool> finished{false};      // nothing more will come
 };
 
 class SlamLoop {
@@ -42,10 +43,12 @@ class SlamLoop {
   SlamLoop(slam::Slam& slam, FrameQueue& frames, const CameraStatus& camera, SlamOutput& output)
       : SlamLoop(slam, frames, camera, output, Options{}) {}
 
-  // The thread's body. Returns when the queue is closed and empty.
+  // The thread's body. Returns when the queue is closed and empty. Comes round with every frame,
+  // and when the queue is nudged.
   void run();
 
  private:
+  void process(const capture::Frame& frame);
   void record(const capture::FrameStamp& stamp, const slam::FrameResult& result,
               std::int64_t processing_ns);
   [[nodiscard]] bool tookTooLong(std::int64_t processing_ns) const;
@@ -58,6 +61,7 @@ class SlamLoop {
   SlamOutput& output_;
   const Options options_;
   FrameRecord record_;
+  capture::FrameStamp last_stamp_;
   bool map_changed_ = false;
   std::int64_t next_map_ns_ = 0;  // monotonic
 };

@@ -132,13 +132,20 @@ Status RollingLog::begin(std::int64_t utime, std::int64_t monotonic_ns) {
       begun_ns_ = monotonic_ns;
       flush_ns_ = monotonic_ns + options_.flush_ms * kMs_ns;
       ++counters_.files;
-      return success();
+      return writePreamble(utime);
     }
     error = created.error();
     std::error_code exists;
     if (!fs::exists(file, exists)) break;
   }
   return error;
+}
+
+Status RollingLog::writePreamble(std::int64_t utime) {
+  for (const RollingOptions::Preamble& event : options_.preamble) {
+    if (Status added = writer_->append(utime, event.channel, event.data); !added) return added;
+  }
+  return success();
 }
 
 // For a new file of full size.

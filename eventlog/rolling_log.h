@@ -27,6 +27,13 @@ struct RollingOptions {
   std::uint64_t keep_free_bytes = std::uint64_t{500} << 20U;
   // What a power cut may cost: what was added since is not on the disk yet.
   std::int64_t flush_ms = 1000;
+
+  // What every file begins with, so that it can be understood without the others.
+  struct Preamble {
+    std::string channel;
+    std::vector<std::uint8_t> data;
+  };
+  std::vector<Preamble> preamble;
 };
 
 // For one thread. Times are given, so that tests need not wait.
@@ -77,6 +84,7 @@ class RollingLog {
   [[nodiscard]] Status repairNewest();
   [[nodiscard]] std::vector<OldFile> files() const;
   [[nodiscard]] Status begin(std::int64_t utime, std::int64_t monotonic_ns);
+  [[nodiscard]] Status writePreamble(std::int64_t utime);
   [[nodiscard]] bool fileIsFull(std::int64_t monotonic_ns, std::size_t more) const;
   void makeRoom();
   [[nodiscard]] std::optional<std::uint64_t> freeBytes() const;

@@ -2,14 +2,12 @@
 
 #include <algorithm>
 #include <array>
-#include <cmath>
 #include <iterator>
 #include <string_view>
 #include <utility>
 
-#include <Eigen/Geometry>
-
 #include "io/marker_ids.h"
+#include "io/pose_settings.h"
 #include "io/text_file.h"
 #include "slam/detection/dictionary.h"
 
@@ -18,24 +16,11 @@ namespace {
 
 constexpr int kLargestId = 1'000'000;
 
-// The length of a quaternion somebody rounded to three decimals may be this far from 1.
-constexpr double kOffUnit = 1e-2;
-
 // One [[slam.markers.anchors]].
 std::vector<Setting> anchorKeys(slam::Anchor& anchor) {
-  const auto take_position = [&anchor](std::span<const double> p) -> Objection {
-    anchor.T_w_m.p = {p[0], p[1], p[2]};
-    return {};
-  };
-  const auto take_orientation = [&anchor](std::span<const double> wxyz) -> Objection {
-    const Eigen::Quaterniond q(wxyz[0], wxyz[1], wxyz[2], wxyz[3]);
-    if (!(std::abs(q.norm() - 1.0) < kOffUnit)) return "must have length 1";
-    anchor.T_w_m.R = q.normalized().toRotationMatrix();
-    return {};
-  };
   return {required(integerSetting("id", anchor.id, 0, kLargestId)),
-          required(numbersSetting("p_m", 3, take_position)),
-          required(numbersSetting("q_wxyz", 4, take_orientation)),
+          required(positionSetting("p_m", anchor.T_w_m)),
+          required(orientationSetting("q_wxyz", anchor.T_w_m)),
           numberSetting("sigma_m", anchor.sigma_m, 1e-6, 100.0, "m"),
           numberSetting("sigma_rad", anchor.sigma_rad, 1e-6, 10.0, "rad")};
 }
@@ -76,8 +61,8 @@ std::vector<Setting> markerKeys(slam::MarkerOptions& markers) {
 }
 
 // The daemon's other sections.
-constexpr std::array<std::string_view, 5> kOtherSections = {"camera", "queue", "realtime",
-                                                            "publish", "log"};
+constexpr std::array<std::string_view, 8> kOtherSections = {
+    "body", "camera", "control", "log", "publish", "queue", "realtime", "record"};
 
 }  // namespace
 

@@ -1,0 +1,56 @@
+#include "daemon/recorder_setup.h"
+
+#include <system_error>
+#include <utility>
+#include <vector>
+
+#include "io/calibration_file.h"
+#include "io/text_file.h"
+
+namespace waymark::daemon {
+namespace {
+
+namespace fs = std::filesystem;
+
+RecorderOptions recorderOptions(const Configuration::Record& record) {
+  const auto bytes = [](int mib) { return static_cast<std::uint64_t>(mib) << 20U; };
+  RecorderOptions options;
+  options.log.directory = record.directory;
+  options.log.file_bytes = bytes(record.file_mib);
+  options.log.file_s = record.file_s;
+  options.log.quota_bytes = bytes(record.quota_mib);
+  options.log.keep_free_bytes = bytes(record.keep_free_mib);
+  options.log.flush_ms = record.flush_ms;
+  options.at_start = record.at_start;
+  options.images = record.images;
+  options.jpeg_quality = record.jpeg_quality;
+  options.image_channel = record.image_channel;
+  options.frame_buffer_bytes = bytes(record.buffer_mib);
+  return options;
+}
+
+}  // namespace
+
+Result<std::unique_ptr<Recorder>> makeRecorder(const Configuration& configuration,
+                                               const fs::path& configuration_file,
+                                               const slam::Calibration& calibration,
+                                               const Log& log) {
+  if (configuration.record.directory.empty()) return std::unique_ptr<Recorder>();
+  std::vector<RecordedFile> files;
+  const Result<std::string> text = io::readTextFile(configuration_file);
+  if (!text) return text.error();
+  files.push_back({"configuration", configuration_file.string(), *text});
+  const fs::path& given = configuration.camera.calibration;
+  files.push_back({"calibration", given.empty() ? configuration.camera.source : given.string(),
+                   io::formatCalibration(calibration)});
+  const fs::path& map = configuration.slam.map.in;
+  std::error_code error;
+  if (!map.empty() && fs::exists(map, error)) {
+    const Result<std::string> map_text = io::readTextFile(map);
+    if (!map_text) return map_text.error();
+    files.push_back({"map", map.string(), *map_text});
+  }
+  return std::make_unique<Recorder>(recorderOptions(configuration.record), files, log);
+}
+
+}  // namespace waymark::daemon

@@ -1,0 +1,22 @@
+// The recorder as the configuration wants it.
+#pragma once
+
+#include <filesystem>
+#include <memory>
+
+#include "base/result.h"
+#include "daemon/configuration.h"
+#include "daemon/log.h"
+#include "daemon/recorder.h"
+#include "slam/geometry/camera_model.h"
+
+namespace waymark::daemon {
+
+// Null without a directory to record into. The recordings will carry the configuration file, the
+// calibration as it is used, and the map that the daemon begins with, so that they can be run again
+// without anything else. Errors name the file that cannot be read.
+[[nodiscard]] Result<std::unique_ptr<Recorder>> makeRecorder(
+    const Configuration& configuration, const std::filesystem::path& configuration_file,
+    const slam::Calibration& calibration, const Log& log);
+
+}  // namespace waymark::daemon
