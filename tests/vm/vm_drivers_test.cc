@@ -7,6 +7,7 @@
 #include <filesystem>
 #include <memory>
 #include <string>
+#include <thread>
 #include <variant>
 #include <vector>
 
@@ -157,14 +158,23 @@ TEST_P(VividFormatsTest, FramesInPlaceAreExportedAsDmaBuf) {
 
 INSTANTIATE_TEST_SUITE_P(Planes, VividFormatsTest, ::testing::Values(1, 2));
 
+// libcamera passes over devices whose nodes are still being made. Empty when it never finds it.
+std::string vimcInTime() {
+  const auto until = std::chrono::steady_clock::now() + std::chrono::seconds(60);
+  while (std::chrono::steady_clock::now() < until) {
+    for (const capture::LibcameraCamera& camera : capture::listLibcameras()) {
+      if (camera.id.find("vimc") != std::string::npos) return camera.id;
+    }
+    std::this_thread::sleep_for(std::chrono::milliseconds(200));
+  }
+  return {};
+}
+
 TEST(VimcLibcameraTest, FramesOfItsSensor) {
   const ProgramResult loaded = runProgram({"modprobe", "vimc"});
   ASSERT_EQ(loaded.exit_code, 0) << loaded.err;
   (void)runProgram({"udevadm", "settle"});
-  std::string id;
-  for (const capture::LibcameraCamera& camera : capture::listLibcameras()) {
-    if (camera.id.find("vimc") != std::string::npos) id = camera.id;
-  }
+  const std::string id = vimcInTime();
   ASSERT_NE(id, "");
   capture::SourceOptions options;
   // The scaler's sizes are multiples of three.

@@ -51,12 +51,12 @@ TEST_P(UvcFormat, FramesAreThePicturesThatTheCameraSent) {
   EXPECT_NEAR(source->info().rate_hz, kFilmRate_hz, 0.01);
   EXPECT_TRUE(source->info().live);
   EXPECT_EQ(source->info().warnings, std::vector<std::string>{});
-  EXPECT_EQ(camera.state().stream, mode);
 
   std::int64_t before_ns = 0;
   for (int i = 0; i < 35; ++i) {
     const FramePtr frame = readFrame(source.get());
     ASSERT_NE(frame, nullptr);
+    EXPECT_EQ(camera.state().stream, mode);
     const FilmPictures::Match shown = pictures.find(frame->image());
     // The camera's count and ours are the same: it counts no frame that it was not asked for.
     EXPECT_EQ(shown.picture, film().pictureOf(frame->stamp().sequence));
