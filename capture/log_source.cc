@@ -6,46 +6,19 @@
 #include <cstdint>
 #include <fstream>
 #include <string>
+#include <system_error>
 #include <utility>
 
 #include "base/image_view.h"
 #include "capture/jpeg_decoder.h"
 #include "capture/recorded_image.h"
 #include "eventlog/log_reader.h"
+#include "eventlog/recording_name.h"
 
 namespace waymark::capture {
 namespace {
 
 constexpr int kBuffers = 4;
-
-class LogSource final : public FrameSource {
- public:
-  LogSource(std::filesystem::path file, eventlog::LogReader reader, const StreamInfo& info,
-            std::optional<double> fps)
-      : file_(std::move(file)),
-        reader_(std::move(reader)),
-        info_(info),
-        fps_(fps),
-        pool_(info.width, info.height, kBuffers) {}
-
-  [[nodiscard]] const StreamInfo& info() const override { return info_; }
-  [[nodiscard]] SourceCounters counters() const override { return counters_; }
-  [[nodiscard]] ReadResult read(std::chrono::milliseconds timeout) override;
-  [[nodiscard]] std::string damage() const override;
-
- private:
-  [[nodiscard]] bool unpack(std::uint8_t* grey);
-  [[nodiscard]] FrameStamp stamp(const FrameStamp& recorded) const;
-
-  std::filesystem::path file_;
-  eventlog::LogReader reader_;
-  StreamInfo info_;
-  std::optional<double> fps_;
-  FramePool pool_;
-  JpegDecoder jpeg_;
-  bot_core::image_t message_;
-  SourceCounters counters_;
-};
 
 // The next event that is an image, decoded. Empty at the end.
 struct ReadImage {
@@ -65,12 +38,54 @@ Result<std::optional<ReadImage>> nextImage(eventlog::LogReader& reader, std::uin
   }
 }
 
+std::string joined(const std::string& a, const std::string& b) {
+  return a.empty() || b.empty() ? a + b : a + "; " + b;
+}
+
+// Empty when all of it can be read.
+std::string damageOf(const std::filesystem::path& file, const eventlog::LogReader& reader) {
+  if (reader.damages() == 0) return {};
+  return file.string() + ": " + std::to_string(reader.damagedBytes()) + " bytes in " +
+         std::to_string(reader.damages()) + " places hold no whole event, the first at byte " +
+         std::to_string(reader.damage().front().offset);
+}
+
+class LogSource final : public FrameSource {
+ public:
+  LogSource(std::filesystem::path file, eventlog::LogReader reader, const StreamInfo& info,
+            std::optional<double> fps)
+      : file_(std::move(file)),
+        reader_(std::move(reader)),
+        info_(info),
+        fps_(fps),
+        pool_(info.width, info.height, kBuffers) {}
+
+  [[nodiscard]] const StreamInfo& info() const override { return info_; }
+  [[nodiscard]] SourceCounters counters() const override { return counters_; }
+  [[nodiscard]] ReadResult read(std::chrono::milliseconds timeout) override;
+  [[nodiscard]] std::string damage() const override;
+
+ private:
+  [[nodiscard]] Result<std::optional<ReadImage>> nextImageOfAll();
+  [[nodiscard]] bool unpack(std::uint8_t* grey);
+  [[nodiscard]] FrameStamp stamp(const FrameStamp& recorded) const;
+
+  std::filesystem::path file_;  // the one that is read now
+  eventlog::LogReader reader_;
+  std::string earlier_damage_;  // of the files before it
+  StreamInfo info_;
+  std::optional<double> fps_;
+  FramePool pool_;
+  JpegDecoder jpeg_;
+  bot_core::image_t message_;
+  SourceCounters counters_;
+};
+
 ReadResult LogSource::read(std::chrono::milliseconds /*timeout*/) {
   FramePtr frame = pool_.acquire();
   if (!frame) return TimedOut{};
   for (;;) {
-    const Result<std::optional<ReadImage>> image =
-        nextImage(reader_, counters_.frames + counters_.dropped_corrupt, &message_);
+    const Result<std::optional<ReadImage>> image = nextImageOfAll();
     if (!image) return image.error();
     if (!*image) return EndOfStream{};
     if (!(*image)->status || !unpack(frame->pixels())) {
@@ -80,6 +95,23 @@ ReadResult LogSource::read(std::chrono::milliseconds /*timeout*/) {
     frame->setStamp(stamp((*image)->stamp));
     ++counters_.frames;
     return frame;
+  }
+}
+
+// A recording in several files goes on in the next one.
+Result<std::optional<ReadImage>> LogSource::nextImageOfAll() {
+  for (;;) {
+    Result<std::optional<ReadImage>> image =
+        nextImage(reader_, counters_.frames + counters_.dropped_corrupt, &message_);
+    if (!image || *image) return image;
+    std::error_code error;
+    const std::filesystem::path next = eventlog::nextFile(file_);
+    if (next.empty() || !std::filesystem::exists(next, error)) return image;
+    Result<eventlog::LogReader> reader = eventlog::LogReader::open(next);
+    if (!reader) return reader.error();
+    earlier_damage_ = joined(earlier_damage_, damageOf(file_, reader_));
+    reader_ = std::move(reader).value();
+    file_ = next;
   }
 }
 
@@ -107,17 +139,12 @@ FrameStamp LogSource::stamp(const FrameStamp& recorded) const {
 }
 
 std::string LogSource::damage() const {
-  std::string text;
-  if (reader_.damages() > 0) {
-    text = std::to_string(reader_.damagedBytes()) + " bytes in " +
-           std::to_string(reader_.damages()) + " places hold no whole event, the first at byte " +
-           std::to_string(reader_.damage().front().offset);
-  }
+  std::string text = joined(earlier_damage_, damageOf(file_, reader_));
   if (counters_.dropped_corrupt > 0) {
-    text += (text.empty() ? "" : "; ") + std::to_string(counters_.dropped_corrupt) +
-            " images cannot be decoded";
+    text = joined(text, file_.string() + ": " + std::to_string(counters_.dropped_corrupt) +
+                            " images cannot be decoded");
   }
-  return text.empty() ? text : file_.string() + ": " + text;
+  return text;
 }
 
 // The first image that can be read says the size, and the next one the rate.

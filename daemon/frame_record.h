@@ -10,6 +10,7 @@
 #include <Eigen/Core>
 
 #include "capture/frame.h"
+#include "daemon/stage_clock.h"
 #include "slam/slam.h"
 
 namespace waymark::daemon {
@@ -29,7 +30,8 @@ struct FrameRecord {
   const char* reason = "";  // static text
   std::optional<slam::PoseEstimate> pose;
   std::int64_t processing_ns = 0;  // from leaving the queue to this record
-  bool missed_deadline = false;    // processing took longer than the time between frames
+  // What took longest, when processing took longer than the time between frames.
+  std::optional<FrameStage> missed_deadline_in;
   slam::Counters counters;         // as they stood after this frame
 
   int seen = 0;  // may be larger than kMaxSeen; then the rest is not in `markers`

@@ -169,7 +169,7 @@ int run(const std::string& configuration_file, bool check_only) {
   }
   if (check_only) return kDone;
   const Result<std::unique_ptr<Recorder>> recorder =
-      makeRecorder(*configuration, configuration_file, camera->calibration, log);
+      makeRecorder(*configuration, configuration_file, camera->calibration, *start, log);
   if (!recorder) {
     log.error(recorder.error().message);
     return kBadInput;

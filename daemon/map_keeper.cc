@@ -49,6 +49,7 @@ Result<StartMap> readStartMap(const io::SlamSettings& settings, const slam::Cali
   start.notes = std::move(old->warnings);
   start.notes.push_back(map.in.string() + ": going on with " + contents(old->file.map));
   start.map = std::move(old->file.map);
+  start.text = std::move(old->text);
   return start;
 }
 

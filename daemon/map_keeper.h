@@ -14,6 +14,7 @@ namespace waymark::daemon {
 
 struct StartMap {
   slam::Map map;                   // empty: begin anew
+  std::string text;                // of its file, byte for byte
   std::vector<std::string> notes;  // for the log: what came from where
   slam::Options options;           // with what the map knows of the camera
 };

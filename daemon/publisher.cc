@@ -1,6 +1,8 @@
 #include "daemon/publisher.h"
 
+#include <numeric>
 #include <span>
+#include <string>
 #include <utility>
 
 #include "base/clock.h"
@@ -69,7 +71,9 @@ void Publisher::run() {
 
 void Publisher::publishFrame() {
   if (record_.pose) last_pose_ns_ = record_.stamp.monotonic_ns;
-  if (record_.missed_deadline) ++deadlines_missed_;
+  if (record_.missed_deadline_in) {
+    ++deadlines_missed_[static_cast<std::size_t>(*record_.missed_deadline_in)];
+  }
 
   const std::int8_t status_before = pose_.status;
   fillPose(record_, last_pose_ns_, pose_);
@@ -158,7 +162,11 @@ void Publisher::fillCounters() {
   slam::forEachCounter(record_.counters, [this](const char* name, std::uint64_t value) {
     addCounter(std::string("slam.") + name, value);
   });
-  addCounter("deadline.missed", deadlines_missed_);
+  addCounter("deadline.missed",
+             std::reduce(deadlines_missed_.begin(), deadlines_missed_.end()));
+  for (std::size_t stage = 0; stage < deadlines_missed_.size(); ++stage) {
+    addCounter(std::string("deadline.missed_") + kFrameStageNames[stage], deadlines_missed_[stage]);
+  }
   addCounter("dropped.publisher", input_.records_lost.load(std::memory_order_relaxed));
   addCounter("dropped.unsent", poses_unsent_);
   addCounter("published.poses", poses_sent_);

@@ -91,7 +91,7 @@ class Publisher {
   Unsent unsent_;
   std::uint64_t poses_sent_ = 0;    // of frames
   std::uint64_t poses_unsent_ = 0;  // of frames
-  std::uint64_t deadlines_missed_ = 0;
+  std::array<std::uint64_t, kFrameStageNames.size()> deadlines_missed_{};  // by the longest stage
   std::optional<std::int64_t> last_pose_ns_;  // monotonic
   std::int64_t map_revision_ = 0;
 

@@ -9,7 +9,6 @@
 
 #include "base/clock.h"
 #include "capture/recorded_image.h"
-#include <waymark/file_t.hpp>
 
 namespace waymark::daemon {
 namespace {
@@ -42,21 +41,9 @@ Header headerOf(std::span<const std::uint8_t> piece) {
   return header;
 }
 
-std::vector<std::uint8_t> encodedFile(const RecordedFile& file) {
-  file_t message{};
-  message.utime = wallUs();
-  message.purpose = file.purpose;
-  message.name = file.name;
-  message.data.assign(file.content.begin(), file.content.end());
-  message.size = static_cast<std::int32_t>(message.data.size());
-  std::vector<std::uint8_t> bytes(static_cast<std::size_t>(message.getEncodedSize()));
-  message.encode(bytes.data(), 0, static_cast<int>(bytes.size()));
-  return bytes;
-}
-
-RecorderOptions withPreamble(RecorderOptions options, const std::vector<RecordedFile>& files) {
-  for (const RecordedFile& file : files) {
-    options.log.preamble.push_back({RecordedFile::kChannel, encodedFile(file)});
+RecorderOptions withPreamble(RecorderOptions options, const std::vector<capture::RecordedFile>& files) {
+  for (const capture::RecordedFile& file : files) {
+    options.log.preamble.push_back({capture::RecordedFile::kChannel, encodeFile(file, wallUs())});
   }
   return options;
 }
@@ -74,7 +61,7 @@ eventlog::RollingLog::Counters operator+(eventlog::RollingLog::Counters a,
 
 }  // namespace
 
-Recorder::Recorder(RecorderOptions options, const std::vector<RecordedFile>& files, const Log& log)
+Recorder::Recorder(RecorderOptions options, const std::vector<capture::RecordedFile>& files, const Log& log)
     : options_(withPreamble(std::move(options), files)),
       log_(log),
       wanted_(options_.at_start),

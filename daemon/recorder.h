@@ -17,6 +17,7 @@
 #include "base/byte_ring.h"
 #include "capture/frame.h"
 #include "capture/jpeg_encoder.h"
+#include "capture/recorded_file.h"
 #include "daemon/counter_source.h"
 #include "daemon/log.h"
 #include "eventlog/rolling_log.h"
@@ -33,16 +34,6 @@ struct RecorderOptions {
   std::size_t message_buffer_bytes = std::size_t{8} << 20U;
 };
 
-// Something that a recording needs to be understood, written at the beginning of each log as
-// waymark.file_t.
-struct RecordedFile {
-  static constexpr const char* kChannel = "WAYMARK_FILE";
-
-  std::string purpose;  // "configuration", "calibration", "map"
-  std::string name;     // as people know it
-  std::string content;
-};
-
 enum class RecorderState {
   kOff,  // nobody asks for a recording
   kRecording,
@@ -57,8 +48,9 @@ class Recorder {
     std::string file;    // being written
   };
 
-  // Takes the buffers' memory.
-  Recorder(RecorderOptions options, const std::vector<RecordedFile>& files, const Log& log);
+  // Takes the buffers' memory. Each log begins with `files`.
+  Recorder(RecorderOptions options, const std::vector<capture::RecordedFile>& files,
+           const Log& log);
 
   // Capture thread. A frame that finds no room is lost, and counted; nothing happens while it is
   // off.

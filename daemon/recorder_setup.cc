@@ -1,6 +1,5 @@
 #include "daemon/recorder_setup.h"
 
-#include <system_error>
 #include <utility>
 #include <vector>
 
@@ -11,6 +10,7 @@ namespace waymark::daemon {
 namespace {
 
 namespace fs = std::filesystem;
+using capture::RecordedFile;
 
 RecorderOptions recorderOptions(const Configuration::Record& record) {
   const auto bytes = [](int mib) { return static_cast<std::uint64_t>(mib) << 20U; };
@@ -34,21 +34,17 @@ RecorderOptions recorderOptions(const Configuration::Record& record) {
 Result<std::unique_ptr<Recorder>> makeRecorder(const Configuration& configuration,
                                                const fs::path& configuration_file,
                                                const slam::Calibration& calibration,
-                                               const Log& log) {
+                                               const StartMap& start, const Log& log) {
   if (configuration.record.directory.empty()) return std::unique_ptr<Recorder>();
   std::vector<RecordedFile> files;
   const Result<std::string> text = io::readTextFile(configuration_file);
   if (!text) return text.error();
-  files.push_back({"configuration", configuration_file.string(), *text});
+  files.push_back({RecordedFile::kConfiguration, configuration_file.string(), *text});
   const fs::path& given = configuration.camera.calibration;
-  files.push_back({"calibration", given.empty() ? configuration.camera.source : given.string(),
+  files.push_back({RecordedFile::kCalibration, given.empty() ? configuration.camera.source : given.string(),
                    io::formatCalibration(calibration)});
-  const fs::path& map = configuration.slam.map.in;
-  std::error_code error;
-  if (!map.empty() && fs::exists(map, error)) {
-    const Result<std::string> map_text = io::readTextFile(map);
-    if (!map_text) return map_text.error();
-    files.push_back({"map", map.string(), *map_text});
+  if (!start.text.empty()) {
+    files.push_back({RecordedFile::kMap, configuration.slam.map.in.string(), start.text});
   }
   return std::make_unique<Recorder>(recorderOptions(configuration.record), files, log);
 }

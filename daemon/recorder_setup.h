@@ -7,6 +7,7 @@
 #include "base/result.h"
 #include "daemon/configuration.h"
 #include "daemon/log.h"
+#include "daemon/map_keeper.h"
 #include "daemon/recorder.h"
 #include "slam/geometry/camera_model.h"
 
@@ -17,6 +18,6 @@ namespace waymark::daemon {
 // without anything else. Errors name the file that cannot be read.
 [[nodiscard]] Result<std::unique_ptr<Recorder>> makeRecorder(
     const Configuration& configuration, const std::filesystem::path& configuration_file,
-    const slam::Calibration& calibration, const Log& log);
+    const slam::Calibration& calibration, const StartMap& start, const Log& log);
 
 }  // namespace waymark::daemon

@@ -26,6 +26,7 @@ namespace {
 namespace fs = std::filesystem;
 using std::chrono::milliseconds;
 using std::chrono::steady_clock;
+using capture::RecordedFile;
 using Bytes = std::vector<std::uint8_t>;
 
 constexpr int kWidth = 40;

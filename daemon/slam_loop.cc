@@ -23,11 +23,11 @@ void SlamLoop::run() {
 }
 
 void SlamLoop::process(const capture::Frame& frame) {
-  const std::int64_t begin_ns = monotonicNs();
   const capture::FrameStamp& stamp = frame.stamp();
+  clock_.beginFrame();
   const slam::FrameResult result =
-      slam_.processFrame(frame.image(), {stamp.sequence, stamp.monotonic_ns});
-  record(stamp, result, monotonicNs() - begin_ns);
+      slam_.processFrame(frame.image(), {stamp.sequence, stamp.monotonic_ns}, &clock_);
+  record(stamp, result, clock_.endFrame());
   if (!output_.records.try_enqueue(record_)) {
     output_.records_lost.fetch_add(1, std::memory_order_relaxed);
   }
@@ -43,7 +43,8 @@ void SlamLoop::record(const capture::FrameStamp& stamp, const slam::FrameResult&
   record_.reason = result.reason;
   record_.pose = result.pose;
   record_.processing_ns = processing_ns;
-  record_.missed_deadline = tookTooLong(processing_ns);
+  record_.missed_deadline_in.reset();
+  if (tookTooLong(processing_ns)) record_.missed_deadline_in = clock_.longest();
   record_.counters = slam_.counters();
   record_.seen = static_cast<int>(result.detections.size());
   const std::size_t kept = std::min(result.detections.size(), record_.markers.size());

@@ -10,6 +10,7 @@
 
 #include "daemon/capture_loop.h"
 #include "daemon/frame_record.h"
+#include "daemon/stage_clock.h"
 #include "daemon/triple_buffer.h"
 #include "slam/slam.h"
 
@@ -60,6 +61,7 @@ class SlamLoop {
   const CameraStatus& camera_;
   SlamOutput& output_;
   const Options options_;
+  StageClock clock_;
   FrameRecord record_;
   capture::FrameStamp last_stamp_;
   bool map_changed_ = false;

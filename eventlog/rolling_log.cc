@@ -1,41 +1,23 @@
 #include "eventlog/rolling_log.h"
 
 #include <algorithm>
-#include <cstdio>
-#include <ctime>
 #include <utility>
 
 #include <sys/statvfs.h>
 
 #include "base/system_reason.h"
 #include "eventlog/log_reader.h"
+#include "eventlog/recording_name.h"
 
 namespace waymark::eventlog {
 namespace {
 
 namespace fs = std::filesystem;
 
-constexpr std::string_view kExtension = ".lcmlog";
 constexpr std::int64_t kMs_ns = 1'000'000;
 constexpr std::int64_t kCheck_ns = 500 * kMs_ns;
 // Also after so much: a fast recording fills a disk between two looks.
 constexpr std::uint64_t kCheckBytes = std::uint64_t{32} << 20U;
-
-// "20261122T093000Z"
-std::string timeName(std::int64_t utime) {
-  const std::time_t seconds = utime / 1'000'000;
-  std::tm parts{};
-  gmtime_r(&seconds, &parts);
-  char text[32];
-  std::strftime(text, sizeof text, "%Y%m%dT%H%M%SZ", &parts);
-  return text;
-}
-
-std::string threeDigits(int number) {
-  char text[16];
-  std::snprintf(text, sizeof text, "%03d", number);
-  return text;
-}
 
 }  // namespace
 
@@ -118,20 +100,21 @@ Status RollingLog::begin(std::int64_t utime, std::int64_t monotonic_ns) {
   checkDisk(monotonic_ns);
   if (state() == State::kPaused) return Error{reason_};
   makeRoom();
-  const std::string name = options_.prefix + "-" + timeName(utime);
-  same_second_ = name == last_name_ ? same_second_ + 1 : 0;
-  last_name_ = name;
+  if (recording_.empty() || number_ == kMostFiles) {
+    recording_ = recordingName(options_.prefix, utime);
+    number_ = 0;
+  }
   Error error;
-  // A number that is taken is one of an earlier run within this second.
-  for (; same_second_ < 1000; ++same_second_) {
-    const fs::path file =
-        options_.directory / (name + "-" + threeDigits(same_second_) + std::string(kExtension));
+  // A number that is taken is one of another recording that began at this moment.
+  for (; number_ < kMostFiles; ++number_) {
+    const fs::path file = options_.directory / fileName(recording_, number_);
     Result<LogWriter> created = LogWriter::create(file);
     if (created) {
       writer_.emplace(std::move(created).value());
       begun_ns_ = monotonic_ns;
       flush_ns_ = monotonic_ns + options_.flush_ms * kMs_ns;
       ++counters_.files;
+      ++number_;
       return writePreamble(utime);
     }
     error = created.error();

@@ -95,8 +95,8 @@ class RollingLog {
   std::optional<LogWriter> writer_;
   std::string reason_;
   std::string repaired_;
-  std::string last_name_;        // without its number
-  int same_second_ = 0;          // files begun within it
+  std::string recording_;        // the name of its files, without their numbers
+  int number_ = 0;               // of the next file
   std::int64_t begun_ns_ = 0;    // the current file, monotonic
   std::int64_t flush_ns_ = 0;    // next, monotonic
   std::int64_t check_ns_ = 0;    // next look at the disk, monotonic

@@ -83,9 +83,9 @@ TEST_F(RollingLogTest, BeginsANewFileWhenOneIsFull) {
   RollingLog log = open();
   record(&log, 7);
   log.finish();
-  EXPECT_EQ(names(), (std::vector<std::string>{"waymark-20231114T221320Z-000.lcmlog",
-                                               "waymark-20231114T221320Z-001.lcmlog",
-                                               "waymark-20231114T221320Z-002.lcmlog"}));
+  EXPECT_EQ(names(), (std::vector<std::string>{"waymark-20231114T221320.000Z-0000.lcmlog",
+                                               "waymark-20231114T221320.000Z-0001.lcmlog",
+                                               "waymark-20231114T221320.000Z-0002.lcmlog"}));
   EXPECT_EQ(log.counters().events, 7u);
   EXPECT_EQ(log.counters().files, 3u);
 }

@@ -84,20 +84,29 @@ slam::Calibration readAny(const JsonNode& root, const std::string& camera) {
   return {};
 }
 
+// camera: of several; empty where none was named.
+Result<slam::Calibration> parseOf(const std::string& camera, const std::string& text,
+                                  const std::string& name) {
+  const Result<Json> yaml = parseYaml(text, name);
+  if (!yaml) return yaml.error();
+  std::string fault;
+  const slam::Calibration calibration = readAny(JsonNode(*yaml, &fault), camera);
+  if (fault.empty()) fault = calibration.invalidReason();
+  if (!fault.empty()) return Error{name + ": " + fault};
+  return calibration;
+}
+
 }  // namespace
 
 Result<slam::Calibration> readCalibration(const std::filesystem::path& path) {
   const Place place = placeOf(path);
-  const std::string file = place.file.string();
   const Result<std::string> text = readTextFile(place.file);
   if (!text) return text.error();
-  const Result<Json> yaml = parseYaml(*text, file);
-  if (!yaml) return yaml.error();
-  std::string fault;
-  const slam::Calibration calibration = readAny(JsonNode(*yaml, &fault), place.camera);
-  if (fault.empty()) fault = calibration.invalidReason();
-  if (!fault.empty()) return Error{file + ": " + fault};
-  return calibration;
+  return parseOf(place.camera, *text, place.file.string());
+}
+
+Result<slam::Calibration> parseCalibration(const std::string& text, const std::string& name) {
+  return parseOf("", text, name);
 }
 
 std::string formatCalibration(const slam::Calibration& calibration) {

@@ -20,6 +20,10 @@ namespace waymark::io {
 // The error names the file and the key.
 [[nodiscard]] Result<slam::Calibration> readCalibration(const std::filesystem::path& path);
 
+// The same from text; `name` is for errors.
+[[nodiscard]] Result<slam::Calibration> parseCalibration(const std::string& text,
+                                                         const std::string& name);
+
 // OpenCV FileStorage. Reads back bit for bit. Precondition: calibration.invalidReason() is empty.
 [[nodiscard]] std::string formatCalibration(const slam::Calibration& calibration);
 [[nodiscard]] Status writeCalibration(const std::filesystem::path& path,

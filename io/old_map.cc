@@ -85,9 +85,14 @@ Result<std::optional<std::string>> changeCamera(const slam::Calibration& camera,
 Result<OldMap> readOldMap(const std::filesystem::path& path, const OldMapUse& use) {
   Result<std::string> text = readTextFile(path);
   if (!text) return text.error();
-  Result<MapFile> file = parseMap(*text, path);
+  return parseOldMap(std::move(text).value(), path, use);
+}
+
+Result<OldMap> parseOldMap(std::string text, const std::filesystem::path& path,
+                           const OldMapUse& use) {
+  Result<MapFile> file = parseMap(text, path);
   if (!file) return file.error();
-  OldMap old{std::move(file).value(), std::move(text).value(), {}, std::nullopt};
+  OldMap old{std::move(file).value(), std::move(text), {}, std::nullopt};
   const std::string name = path.string() + ": ";
   if (!old.file.has_checksum) old.warnings.push_back(name + "has no checksum: taken as it is");
   if (const Status fits = checkMarkers(old.file.map, use); !fits) {

@@ -35,6 +35,9 @@ struct OldMap {
 // calibrated again (same image size and model, nowhere more than 1 % of the image's width apart) is
 // a warning: the map's corners are then undistorted anew.
 [[nodiscard]] Result<OldMap> readOldMap(const std::filesystem::path& path, const OldMapUse& use);
+// The same from text; `path` is for messages.
+[[nodiscard]] Result<OldMap> parseOldMap(std::string text, const std::filesystem::path& path,
+                                         const OldMapUse& use);
 
 // Learning goes on from the readout time that the map has learned. One that the options give holds
 // for the map's keyframes, too, unless the map is only localised in.

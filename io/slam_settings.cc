@@ -121,10 +121,14 @@ std::vector<Setting> slamSettingKeys(SlamSettings& target) {
 Result<SlamSettings> readSlamSettings(const std::filesystem::path& file) {
   const Result<std::string> text = readTextFile(file);
   if (!text) return text.error();
+  return parseSlamSettings(*text, file);
+}
+
+Result<SlamSettings> parseSlamSettings(const std::string& text, const std::filesystem::path& file) {
   SlamSettings result;
   std::vector<Setting> keys = slamSettingKeys(result);
   for (Setting& key : keys) key.required = false;
-  if (const Status read = readSettings(*text, file, keys, kOtherSections); !read) {
+  if (const Status read = readSettings(text, file, keys, kOtherSections); !read) {
     return read.error();
   }
   return result;

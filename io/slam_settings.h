@@ -32,6 +32,10 @@ struct SlamSettings {
 // in the file stays empty or at its default, and the caller knows where else it may come from.
 [[nodiscard]] Result<SlamSettings> readSlamSettings(const std::filesystem::path& file);
 
+// The same from text; `file` is for errors, and relative paths count from where it is.
+[[nodiscard]] Result<SlamSettings> parseSlamSettings(const std::string& text,
+                                                     const std::filesystem::path& file);
+
 // The objection to a name that slam::Dictionary does not know lists those it knows.
 [[nodiscard]] Objection objectToDictionary(const std::string& name);
 

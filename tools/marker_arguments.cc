@@ -66,8 +66,9 @@ void addMarkerArguments(CLI::App& command, MarkerArguments& arguments) {
                      "line wins");
 }
 
-Result<io::SlamSettings> slamSettings(const MarkerArguments& arguments) {
-  io::SlamSettings settings;
+Result<io::SlamSettings> slamSettings(const MarkerArguments& arguments,
+                                      const std::optional<io::SlamSettings>& recorded) {
+  io::SlamSettings settings = recorded.value_or(io::SlamSettings{});
   if (!arguments.config.empty()) {
     Result<io::SlamSettings> read = io::readSlamSettings(arguments.config);
     if (!read) return read.error();

@@ -23,8 +23,9 @@ struct MarkerArguments {
 // `arguments` must live as long as `command`.
 void addMarkerArguments(CLI::App& command, MarkerArguments& arguments);
 
-// From the configuration file, where there is one, and the command line, which wins. Dictionary and
-// marker size must come from one of them.
-[[nodiscard]] Result<io::SlamSettings> slamSettings(const MarkerArguments& arguments);
+// From the configuration file, or `recorded` where there is none, and the command line, which wins.
+// Dictionary and marker size must come from one of them.
+[[nodiscard]] Result<io::SlamSettings> slamSettings(
+    const MarkerArguments& arguments, const std::optional<io::SlamSettings>& recorded = {});
 
 }  // namespace waymark::tools

@@ -27,6 +27,7 @@
 #include "tools/exit_code.h"
 #include "tools/marker_arguments.h"
 #include "tools/progress_bar.h"
+#include "tools/recorded_inputs.h"
 #include "tools/run_input.h"
 #include "tools/run_record.h"
 #include "tools/stage_timer.h"
@@ -62,16 +63,19 @@ struct RunSetup {
   std::optional<io::OldMap> old_map;
 };
 
-// --map-in, if it is there.
+// --map-in, or the one that the daemon began with when it made the recording.
 Result<std::optional<io::OldMap>> oldMap(const RunArguments& arguments,
                                          const io::SlamSettings& settings,
+                                         const std::optional<capture::RecordedFile>& recorded,
                                          const slam::Calibration& camera) {
-  if (arguments.map_in.empty()) return std::optional<io::OldMap>();
-  Result<io::OldMap> old =
-      io::readOldMap(arguments.map_in, {.dictionary = settings.dictionary,
-                                        .markers = settings.options.markers,
-                                        .camera = camera,
-                                        .localise_only = arguments.localize_only});
+  if (arguments.map_in.empty() && !recorded) return std::optional<io::OldMap>();
+  const io::OldMapUse use{.dictionary = settings.dictionary,
+                          .markers = settings.options.markers,
+                          .camera = camera,
+                          .localise_only = settings.map.localise_only};
+  Result<io::OldMap> old = arguments.map_in.empty()
+                               ? io::parseOldMap(recorded->content, recorded->name, use)
+                               : io::readOldMap(arguments.map_in, use);
   if (!old) return old.error();
   return std::optional(std::move(old).value());
 }
@@ -96,10 +100,33 @@ Result<std::optional<io::OutputDirectory>> openDetections(const std::string& fil
   return std::optional<io::OutputDirectory>(std::move(opened).value());
 }
 
+// Does the command line say what to look for, or where to begin?
+bool saysOtherwise(const RunArguments& arguments) {
+  const MarkerArguments& markers = arguments.markers;
+  return !markers.config.empty() || !markers.dictionary.empty() || !markers.marker_size.empty() ||
+         !arguments.map_in.empty();
+}
+
+Result<slam::Calibration> calibrationOf(const RunArguments& arguments,
+                                        const RecordedInputs& recorded) {
+  if (!arguments.calibration.empty()) return io::readCalibration(arguments.calibration);
+  if (recorded.calibration) return *recorded.calibration;
+  return Error{"--calibration is required"};
+}
+
 Result<RunSetup> prepare(const RunArguments& arguments) {
-  const Result<io::SlamSettings> settings = slamSettings(arguments.markers);
+  Result<RecordedInputs> recorded = recordedInputs(arguments.source);
+  if (!recorded) return recorded.error();
+  const bool as_recorded = recorded->settings && !saysOtherwise(arguments);
+  Result<io::SlamSettings> settings =
+      as_recorded ? slamSettings(arguments.markers, recorded->settings)
+                  : slamSettings(arguments.markers);
   if (!settings) return settings.error();
-  const Result<slam::Calibration> calibration = io::readCalibration(arguments.calibration);
+  // The configuration's own files are not there any more, or are not what they were.
+  settings->map.localise_only =
+      arguments.localize_only || (as_recorded && settings->map.localise_only);
+  if (!as_recorded) recorded->map.reset();
+  const Result<slam::Calibration> calibration = calibrationOf(arguments, *recorded);
   if (!calibration) return calibration.error();
   Result<OpenedInput> opened = openRunInput({.source = arguments.source,
                                              .calibration = arguments.calibration,
@@ -109,7 +136,7 @@ Result<RunSetup> prepare(const RunArguments& arguments) {
                                             *calibration);
   if (!opened) return opened.error();
   const slam::FittedCalibration& fitted = opened->fitted;
-  Result<std::optional<io::OldMap>> old_map = oldMap(arguments, *settings, fitted.calibration);
+  Result<std::optional<io::OldMap>> old_map = oldMap(arguments, *settings, recorded->map, fitted.calibration);
   if (!old_map) return old_map.error();
   Result<std::optional<io::OutputDirectory>> detections = openDetections(arguments.save_detections);
   if (!detections) return detections.error();
@@ -127,7 +154,7 @@ Result<RunSetup> prepare(const RunArguments& arguments) {
                  std::move(output),
                  std::move(detections).value(),
                  std::move(old_map).value()};
-  setup.options.mapping = !arguments.localize_only;
+  setup.options.mapping = !settings->map.localise_only;
   if (setup.input->photographs()) setup.options.takePhotographs();
   if (setup.old_map) io::agreeOnReadout(&*setup.old_map, &setup.options);
   return setup;
@@ -306,8 +333,7 @@ void addRunCommand(CLI::App& app, int* exit_code) {
   command
       ->add_option("--calibration", arguments->calibration,
                    "Camera: YAML of OpenCV, ROS (camera_info) or Kalibr (FILE#cam1 for one of "
-                   "several)")
-      ->required();
+                   "several). An event log of the daemon brings its own");
   addCalibrationFit(*command, arguments->calibration_fit);
   addMarkerArguments(*command, arguments->markers);
   command->add_option("--out", arguments->out,

@@ -1,0 +1,49 @@
+// What a frame's time went into, so that a missed deadline has a cause.
+#pragma once
+
+#include <algorithm>
+#include <array>
+#include <cstddef>
+#include <cstdint>
+
+#include "base/clock.h"
+#include "slam/slam.h"
+
+namespace waymark::daemon {
+
+// The stages of slam::Stage, in their order, and what belongs to none of them.
+enum class FrameStage : std::uint8_t { kDetect, kTrack, kMap, kOther };
+inline constexpr std::array kFrameStageNames = {"detect", "track", "map", "other"};
+
+// For one thread; one frame after the other.
+class StageClock final : public slam::StageObserver {
+ public:
+  void beginFrame() {
+    spent_ns_.fill(0);
+    frame_began_ns_ = monotonicNs();
+  }
+  void begin(slam::Stage /*stage*/) override { began_ns_ = monotonicNs(); }
+  void end(slam::Stage stage) override {
+    spent_ns_[static_cast<std::size_t>(stage)] += monotonicNs() - began_ns_;
+  }
+  // Nanoseconds since beginFrame().
+  std::int64_t endFrame() {
+    const std::int64_t total_ns = monotonicNs() - frame_began_ns_;
+    std::int64_t stages_ns = 0;
+    for (const std::int64_t spent_ns : spent_ns_) stages_ns += spent_ns;
+    spent_ns_[static_cast<std::size_t>(FrameStage::kOther)] = total_ns - stages_ns;
+    return total_ns;
+  }
+
+  // After endFrame().
+  [[nodiscard]] FrameStage longest() const {
+    return static_cast<FrameStage>(std::ranges::max_element(spent_ns_) - spent_ns_.begin());
+  }
+
+ private:
+  std::array<std::int64_t, kFrameStageNames.size()> spent_ns_{};
+  std::int64_t frame_began_ns_ = 0;
+  std::int64_t began_ns_ = 0;
+};
+
+}  // namespace waymark::daemon
