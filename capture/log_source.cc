@@ -5,6 +5,7 @@
 #include <cmath>
 #include <cstdint>
 #include <fstream>
+#include <span>
 #include <string>
 #include <system_error>
 #include <utility>
@@ -53,11 +54,12 @@ std::string damageOf(const std::filesystem::path& file, const eventlog::LogReade
 class LogSource final : public FrameSource {
  public:
   LogSource(std::filesystem::path file, eventlog::LogReader reader, const StreamInfo& info,
-            std::optional<double> fps)
+            std::optional<double> fps, bool keep_jpeg)
       : file_(std::move(file)),
         reader_(std::move(reader)),
         info_(info),
         fps_(fps),
+        keep_jpeg_(keep_jpeg),
         pool_(info.width, info.height, kBuffers) {}
 
   [[nodiscard]] const StreamInfo& info() const override { return info_; }
@@ -75,6 +77,7 @@ class LogSource final : public FrameSource {
   std::string earlier_damage_;  // of the files before it
   StreamInfo info_;
   std::optional<double> fps_;
+  bool keep_jpeg_;
   FramePool pool_;
   JpegDecoder jpeg_;
   bot_core::image_t message_;
@@ -92,6 +95,9 @@ ReadResult LogSource::read(std::chrono::milliseconds /*timeout*/) {
       ++counters_.dropped_corrupt;
       continue;
     }
+    const bool is_jpeg = message_.pixelformat == bot_core::image_t::PIXEL_FORMAT_MJPEG;
+    frame->keepJpeg(keep_jpeg_ && is_jpeg ? std::span<const std::uint8_t>(message_.data)
+                                          : std::span<const std::uint8_t>());
     frame->setStamp(stamp((*image)->stamp));
     ++counters_.frames;
     return frame;
@@ -186,7 +192,7 @@ bool isEventLog(const std::filesystem::path& file) {
 }
 
 Result<std::unique_ptr<FrameSource>> openLog(const std::filesystem::path& file,
-                                             std::optional<double> fps) {
+                                             std::optional<double> fps, bool keep_jpeg) {
   Result<eventlog::LogReader> first = eventlog::LogReader::open(file);
   if (!first) return first.error();
   const Result<StreamInfo> info = describe(file, *first, fps);
@@ -194,7 +200,7 @@ Result<std::unique_ptr<FrameSource>> openLog(const std::filesystem::path& file,
   Result<eventlog::LogReader> reader = eventlog::LogReader::open(file);
   if (!reader) return reader.error();
   return std::unique_ptr<FrameSource>(
-      std::make_unique<LogSource>(file, std::move(reader).value(), *info, fps));
+      std::make_unique<LogSource>(file, std::move(reader).value(), *info, fps, keep_jpeg));
 }
 
 }  // namespace waymark::capture

@@ -16,8 +16,9 @@ namespace waymark::capture {
 // The bot_core images of the log in their order, whatever their channel: grey ones, and JPEG. A
 // recording in several files (eventlog/recording_name.h) goes on from `file` to the last one. All
 // have the size of the first; without any, this is an error. What is damaged is skipped and told by
-// damage(). fps: instead of the recorded times.
+// damage(). fps: instead of the recorded times. keep_jpeg: frames carry compressed pictures along.
 [[nodiscard]] Result<std::unique_ptr<FrameSource>> openLog(const std::filesystem::path& file,
-                                                           std::optional<double> fps);
+                                                           std::optional<double> fps,
+                                                           bool keep_jpeg = false);
 
 }  // namespace waymark::capture

@@ -1,5 +1,6 @@
 #include "capture/log_source.h"
 
+#include <algorithm>
 #include <cstdint>
 #include <filesystem>
 #include <string>
@@ -98,7 +99,13 @@ TEST_F(LogSourceTest, JpegStaysAsTheCameraMadeIt) {
   add(message);
   const auto source = open();
   ASSERT_TRUE(source);
-  EXPECT_EQ(next(*source)->image().at(20, 20), 77);
+  const FramePtr frame = next(*source);
+  EXPECT_EQ(frame->image().at(20, 20), 77);
+  EXPECT_TRUE(frame->jpeg().empty()) << "nobody asked for it";
+  const auto keeping = openLog(file_, {}, /*keep_jpeg=*/true);
+  ASSERT_TRUE(keeping);
+  const FramePtr kept = next(**keeping);
+  EXPECT_TRUE(std::ranges::equal(kept->jpeg(), jpeg));
 }
 
 // As other programs record: rows with gaps, no metadata.
@@ -149,6 +156,24 @@ TEST_F(LogSourceTest, ARateInsteadOfTheTimes) {
   ASSERT_TRUE(source);
   EXPECT_EQ(next(*source)->stamp().monotonic_ns, 0);
   EXPECT_EQ(next(*source)->stamp().monotonic_ns, 100'000'000);
+}
+
+TEST_F(LogSourceTest, ARecordingGoesOnInItsNextFile) {
+  file_ = directory_ / "r-0000.lcmlog";
+  for (int part = 0; part < 3; ++part) {
+    log_ = eventlog::LogWriter::create(directory_ / ("r-000" + std::to_string(part) + ".lcmlog"));
+    ASSERT_TRUE(log_);
+    for (int i = 0; i < 4; ++i) add(image(4 * part + i));
+    ASSERT_TRUE(log_->flush());
+  }
+  const auto source = open();
+  ASSERT_TRUE(source);
+  for (int i = 0; i < 12; ++i) {
+    const FramePtr frame = next(*source);
+    ASSERT_TRUE(frame) << i;
+    EXPECT_EQ(frame->stamp().sequence, stampOf(i).sequence);
+  }
+  EXPECT_TRUE(std::holds_alternative<EndOfStream>(source->read(10ms)));
 }
 
 TEST_F(LogSourceTest, WithoutImagesItIsNoSource) {

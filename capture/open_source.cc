@@ -44,8 +44,8 @@ Opened openRecording(const std::string& spec, const SourceOptions& options) {
                  "(v4l2:..., libcamera:...)"};
   }
   Opened opened = std::filesystem::is_directory(status) ? openImageDirectory(spec, options.fps)
-                  : isEventLog(spec)                    ? openLog(spec, options.fps)
-                                                        : openVideo(spec, options.fps);
+                  : isEventLog(spec) ? openLog(spec, options.fps, options.camera.keep_jpeg)
+                                     : openVideo(spec, options.fps);
   if (!opened || !options.realtime) return opened;
   return playInRealTime(std::move(opened).value(), options.fps);
 }

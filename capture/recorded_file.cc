@@ -3,8 +3,8 @@
 #include <optional>
 #include <utility>
 
-#include <waymark/file_t.hpp>
 #include "eventlog/log_reader.h"
+#include <waymark/file_t.hpp>
 
 namespace waymark::capture {
 

@@ -32,7 +32,7 @@ struct FrameRecord {
   std::int64_t processing_ns = 0;  // from leaving the queue to this record
   // What took longest, when processing took longer than the time between frames.
   std::optional<FrameStage> missed_deadline_in;
-  slam::Counters counters;         // as they stood after this frame
+  slam::Counters counters;  // as they stood after this frame
 
   int seen = 0;  // may be larger than kMaxSeen; then the rest is not in `markers`
   std::array<SeenMarker, kMaxSeen> markers;

@@ -162,8 +162,7 @@ void Publisher::fillCounters() {
   slam::forEachCounter(record_.counters, [this](const char* name, std::uint64_t value) {
     addCounter(std::string("slam.") + name, value);
   });
-  addCounter("deadline.missed",
-             std::reduce(deadlines_missed_.begin(), deadlines_missed_.end()));
+  addCounter("deadline.missed", std::reduce(deadlines_missed_.begin(), deadlines_missed_.end()));
   for (std::size_t stage = 0; stage < deadlines_missed_.size(); ++stage) {
     addCounter(std::string("deadline.missed_") + kFrameStageNames[stage], deadlines_missed_[stage]);
   }

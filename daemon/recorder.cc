@@ -41,7 +41,8 @@ Header headerOf(std::span<const std::uint8_t> piece) {
   return header;
 }
 
-RecorderOptions withPreamble(RecorderOptions options, const std::vector<capture::RecordedFile>& files) {
+RecorderOptions withPreamble(RecorderOptions options,
+                             const std::vector<capture::RecordedFile>& files) {
   for (const capture::RecordedFile& file : files) {
     options.log.preamble.push_back({capture::RecordedFile::kChannel, encodeFile(file, wallUs())});
   }
@@ -61,7 +62,8 @@ eventlog::RollingLog::Counters operator+(eventlog::RollingLog::Counters a,
 
 }  // namespace
 
-Recorder::Recorder(RecorderOptions options, const std::vector<capture::RecordedFile>& files, const Log& log)
+Recorder::Recorder(RecorderOptions options, const std::vector<capture::RecordedFile>& files,
+                   const Log& log)
     : options_(withPreamble(std::move(options), files)),
       log_(log),
       wanted_(options_.at_start),

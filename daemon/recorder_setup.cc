@@ -41,7 +41,8 @@ Result<std::unique_ptr<Recorder>> makeRecorder(const Configuration& configuratio
   if (!text) return text.error();
   files.push_back({RecordedFile::kConfiguration, configuration_file.string(), *text});
   const fs::path& given = configuration.camera.calibration;
-  files.push_back({RecordedFile::kCalibration, given.empty() ? configuration.camera.source : given.string(),
+  files.push_back({RecordedFile::kCalibration,
+                   given.empty() ? configuration.camera.source : given.string(),
                    io::formatCalibration(calibration)});
   if (!start.text.empty()) {
     files.push_back({RecordedFile::kMap, configuration.slam.map.in.string(), start.text});

@@ -24,9 +24,9 @@ namespace waymark::daemon {
 namespace {
 
 namespace fs = std::filesystem;
+using capture::RecordedFile;
 using std::chrono::milliseconds;
 using std::chrono::steady_clock;
-using capture::RecordedFile;
 using Bytes = std::vector<std::uint8_t>;
 
 constexpr int kWidth = 40;

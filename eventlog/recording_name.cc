@@ -21,8 +21,7 @@ std::string recordingName(const std::string& prefix, std::int64_t utime) {
   char text[32];
   std::strftime(text, sizeof text, "%Y%m%dT%H%M%S", &parts);
   char milliseconds[32];
-  std::snprintf(milliseconds, sizeof milliseconds, ".%03dZ",
-                static_cast<int>(utime / 1000 % 1000));
+  std::snprintf(milliseconds, sizeof milliseconds, ".%03dZ", static_cast<int>(utime / 1000 % 1000));
   return prefix + "-" + text + milliseconds;
 }
 

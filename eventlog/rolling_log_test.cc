@@ -8,9 +8,9 @@
 #include <vector>
 
 #include <gtest/gtest.h>
-#include <sys/mount.h>
 
 #include "eventlog/testing_log.h"
+#include "tests/small_disk.h"
 #include "tests/temporary_directory.h"
 
 namespace waymark::eventlog {
@@ -18,29 +18,11 @@ namespace {
 
 namespace fs = std::filesystem;
 using testing::Bytes;
+using waymark::testing::SmallDisk;
 
 constexpr std::int64_t kSecond_ns = 1'000'000'000;
 constexpr std::int64_t kSecond_us = 1'000'000;
 constexpr std::uint64_t kMiB = std::uint64_t{1} << 20U;
-
-// A small file system of its own, where the system allows it.
-class SmallDisk {
- public:
-  SmallDisk(fs::path place, const std::string& size) : place_(std::move(place)) {
-    fs::create_directories(place_);
-    mounted_ = mount("tmpfs", place_.c_str(), "tmpfs", 0, ("size=" + size).c_str()) == 0;
-  }
-  SmallDisk(const SmallDisk&) = delete;
-  SmallDisk& operator=(const SmallDisk&) = delete;
-  ~SmallDisk() {
-    if (mounted_) umount2(place_.c_str(), MNT_DETACH);
-  }
-  explicit operator bool() const { return mounted_; }
-
- private:
-  fs::path place_;
-  bool mounted_ = false;
-};
 
 class RollingLogTest : public ::testing::Test {
  protected:

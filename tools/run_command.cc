@@ -118,9 +118,9 @@ Result<RunSetup> prepare(const RunArguments& arguments) {
   Result<RecordedInputs> recorded = recordedInputs(arguments.source);
   if (!recorded) return recorded.error();
   const bool as_recorded = recorded->settings && !saysOtherwise(arguments);
-  Result<io::SlamSettings> settings =
-      as_recorded ? slamSettings(arguments.markers, recorded->settings)
-                  : slamSettings(arguments.markers);
+  Result<io::SlamSettings> settings = as_recorded
+                                          ? slamSettings(arguments.markers, recorded->settings)
+                                          : slamSettings(arguments.markers);
   if (!settings) return settings.error();
   // The configuration's own files are not there any more, or are not what they were.
   settings->map.localise_only =
@@ -136,7 +136,8 @@ Result<RunSetup> prepare(const RunArguments& arguments) {
                                             *calibration);
   if (!opened) return opened.error();
   const slam::FittedCalibration& fitted = opened->fitted;
-  Result<std::optional<io::OldMap>> old_map = oldMap(arguments, *settings, recorded->map, fitted.calibration);
+  Result<std::optional<io::OldMap>> old_map =
+      oldMap(arguments, *settings, recorded->map, fitted.calibration);
   if (!old_map) return old_map.error();
   Result<std::optional<io::OutputDirectory>> detections = openDetections(arguments.save_detections);
   if (!detections) return detections.error();
@@ -330,10 +331,9 @@ void addRunCommand(CLI::App& app, int* exit_code) {
                    "recorded, a detections.csv, or a camera "
                    "(v4l2:/dev/video0), until interrupted")
       ->required();
-  command
-      ->add_option("--calibration", arguments->calibration,
-                   "Camera: YAML of OpenCV, ROS (camera_info) or Kalibr (FILE#cam1 for one of "
-                   "several). An event log of the daemon brings its own");
+  command->add_option("--calibration", arguments->calibration,
+                      "Camera: YAML of OpenCV, ROS (camera_info) or Kalibr (FILE#cam1 for one of "
+                      "several). An event log of the daemon brings its own");
   addCalibrationFit(*command, arguments->calibration_fit);
   addMarkerArguments(*command, arguments->markers);
   command->add_option("--out", arguments->out,
