@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cstdint>
 #include <filesystem>
+#include <random>
 #include <string>
 #include <variant>
 #include <vector>
@@ -13,11 +14,13 @@
 
 #include "capture/recorded_image.h"
 #include "eventlog/log_writer.h"
+#include "eventlog/testing_log.h"
 #include "tests/temporary_directory.h"
 
 namespace waymark::capture {
 namespace {
 
+using eventlog::testing::Bytes;
 using std::chrono_literals::operator""ms;
 
 constexpr int kWidth = 40;
@@ -174,6 +177,37 @@ TEST_F(LogSourceTest, ARecordingGoesOnInItsNextFile) {
     EXPECT_EQ(frame->stamp().sequence, stampOf(i).sequence);
   }
   EXPECT_TRUE(std::holds_alternative<EndOfStream>(source->read(10ms)));
+}
+
+TEST_F(LogSourceTest, WhateverBitsFlipItIsReadToItsEnd) {
+  for (int i = 0; i < 3; ++i) add(image(i));
+  std::vector<std::uint8_t> jpeg;
+  cv::imencode(".jpg", cv::Mat(kHeight, kWidth, CV_8UC1, cv::Scalar(77)), jpeg);
+  bot_core::image_t compressed;
+  fillImage(stampOf(3), {nullptr, kWidth, kHeight, kWidth}, jpeg, &compressed);
+  add(compressed);
+  ASSERT_TRUE(log_->flush());
+  const Bytes whole = eventlog::testing::readAll(file_);
+  std::mt19937 random(11);
+  int unreadable = 0;
+  for (int round = 0; round < 2000; ++round) {
+    Bytes damaged = whole;
+    for (unsigned flips = 1 + random() % 8; flips > 0; --flips) {
+      // Half of them in the headers of events and images.
+      const std::size_t at = random() % (random() % 2 == 0 ? 100 : damaged.size());
+      damaged[at] ^= static_cast<std::uint8_t>(1U << (random() % 8));
+    }
+    eventlog::testing::writeAll(file_, damaged);
+    const auto source = openLog(file_, {});
+    if (!source) {
+      ++unreadable;
+      continue;
+    }
+    int frames = 0;
+    while (std::holds_alternative<FramePtr>((*source)->read(10ms))) ++frames;
+    EXPECT_LE(frames, 4);
+  }
+  EXPECT_LT(unreadable, 200) << "one image at least is left";
 }
 
 TEST_F(LogSourceTest, WithoutImagesItIsNoSource) {

@@ -3,6 +3,7 @@
 #include <optional>
 #include <utility>
 
+#include "capture/wire_reader.h"
 #include "eventlog/log_reader.h"
 #include <waymark/file_t.hpp>
 
@@ -20,6 +21,19 @@ std::vector<std::uint8_t> encodeFile(const RecordedFile& file, std::int64_t utim
   return bytes;
 }
 
+std::optional<RecordedFile> decodeFile(std::span<const std::uint8_t> bytes) {
+  WireReader reader(bytes);
+  if (reader.int64() != file_t::getHash()) return std::nullopt;
+  (void)reader.int64();  // utime
+  RecordedFile file;
+  file.purpose = reader.text();
+  file.name = reader.text();
+  const auto content = reader.bytes(reader.count());
+  file.content.assign(content.begin(), content.end());
+  if (!reader.done()) return std::nullopt;
+  return file;
+}
+
 Result<std::vector<RecordedFile>> readRecordedFiles(const std::filesystem::path& log) {
   Result<eventlog::LogReader> reader = eventlog::LogReader::open(log);
   if (!reader) return reader.error();
@@ -28,11 +42,9 @@ Result<std::vector<RecordedFile>> readRecordedFiles(const std::filesystem::path&
     const Result<std::optional<eventlog::Event>> event = reader->next();
     if (!event) return event.error();
     if (!*event || (*event)->channel != RecordedFile::kChannel) return files;
-    file_t message{};
-    const auto size = static_cast<int>((*event)->data.size());
-    if (message.decode((*event)->data.data(), 0, size) != size) continue;
-    files.push_back({std::move(message.purpose), std::move(message.name),
-                     std::string(message.data.begin(), message.data.end())});
+    if (std::optional<RecordedFile> file = decodeFile((*event)->data)) {
+      files.push_back(std::move(*file));
+    }
   }
 }
 

@@ -3,6 +3,8 @@
 
 #include <cstdint>
 #include <filesystem>
+#include <optional>
+#include <span>
 #include <string>
 #include <vector>
 
@@ -23,6 +25,9 @@ struct RecordedFile {
 };
 
 [[nodiscard]] std::vector<std::uint8_t> encodeFile(const RecordedFile& file, std::int64_t utime);
+
+// Empty when the bytes are no whole message of this kind.
+[[nodiscard]] std::optional<RecordedFile> decodeFile(std::span<const std::uint8_t> bytes);
 
 // Those that the log begins with; none when it begins with something else. Damage is no error: what
 // is lost is not there. The error names the file and the reason.

@@ -7,12 +7,16 @@
 #include <string>
 #include <string_view>
 
+#include "capture/wire_reader.h"
+
 namespace waymark::capture {
 namespace {
 
 using bot_core::image_t;
 
 constexpr int kLargestSide = 16384;  // pixels
+// From 1970 or the start of the computer: 146 years. Differences of times still are numbers.
+constexpr std::int64_t kFarthest_ns = std::int64_t{1} << 62U;
 constexpr std::string_view kMonotonic = "monotonic_ns";
 constexpr std::string_view kSequence = "sequence";
 constexpr std::string_view kExposure = "exposure_ns";
@@ -44,6 +48,13 @@ Status check(const image_t& message) {
       message.height > kLargestSide) {
     return Error{"impossible size " + sizeText(message.width, message.height)};
   }
+  const auto beyond = [](std::int64_t time, std::int64_t most) {
+    return time > most || time < -most;
+  };
+  if (beyond(message.utime, kFarthest_ns / 1000) ||
+      beyond(value(message, kMonotonic).value_or(0), kFarthest_ns)) {
+    return Error{"impossible time"};
+  }
   if (message.pixelformat == image_t::PIXEL_FORMAT_MJPEG) return success();
   if (message.pixelformat != image_t::PIXEL_FORMAT_GRAY) {
     return Error{"pixel format " + std::to_string(message.pixelformat) +
@@ -55,6 +66,29 @@ Status check(const image_t& message) {
                  sizeText(message.width, message.height)};
   }
   return success();
+}
+
+bool decode(std::span<const std::uint8_t> data, image_t* message) {
+  WireReader reader(data);
+  if (reader.int64() != image_t::getHash()) return false;
+  message->utime = reader.int64();
+  message->width = reader.int32();
+  message->height = reader.int32();
+  message->row_stride = reader.int32();
+  message->pixelformat = reader.int32();
+  message->size = reader.count();
+  const auto pixels = reader.bytes(message->size);
+  message->data.assign(pixels.begin(), pixels.end());
+  constexpr std::size_t kLeastEntry = 9;  // bytes: two lengths and the zero of an empty key
+  message->nmetadata = reader.count(kLeastEntry);
+  message->metadata.resize(static_cast<std::size_t>(message->nmetadata));
+  for (bot_core::image_metadata_t& entry : message->metadata) {
+    entry.key = reader.text();
+    entry.n = reader.count();
+    const auto value = reader.bytes(entry.n);
+    entry.value.assign(value.begin(), value.end());
+  }
+  return reader.done();
 }
 
 }  // namespace
@@ -96,9 +130,7 @@ bool isImage(std::span<const std::uint8_t> data) {
 
 Status readImage(std::span<const std::uint8_t> data, std::uint64_t sequence, image_t* message,
                  FrameStamp* stamp) {
-  if (message->decode(data.data(), 0, static_cast<int>(data.size())) < 0) {
-    return Error{"is no whole image message"};
-  }
+  if (!decode(data, message)) return Error{"is no whole image message"};
   if (Status checked = check(*message); !checked) return checked;
   const std::int64_t from_wall_ns = 1000 * message->utime;
   *stamp = {.sequence = static_cast<std::uint64_t>(

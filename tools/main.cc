@@ -13,6 +13,7 @@
 #include "tools/exit_code.h"
 #include "tools/map_command.h"
 #include "tools/print_command.h"
+#include "tools/record_command.h"
 #include "tools/run_command.h"
 #include "tools/simulate_command.h"
 
@@ -23,6 +24,7 @@ int main(int argc, char** argv) {
   app.set_version_flag("--version", "waymark " WAYMARK_VERSION);
   app.require_subcommand(1);
   addRunCommand(app, &exit_code);
+  addRecordCommand(app, &exit_code);
   addEvalCommand(app, &exit_code);
   addEchoCommand(app, &exit_code);
   addSimulateCommand(app, &exit_code);
