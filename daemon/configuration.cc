@@ -9,6 +9,7 @@
 
 #include "capture/open_source.h"
 #include "daemon/lcm_link.h"
+#include "io/marker_ids.h"
 #include "io/pose_settings.h"
 #include "io/settings_file.h"
 #include "io/text_file.h"
@@ -30,6 +31,20 @@ io::Objection objectToChannel(const std::string& name) {
   const auto plain = [](unsigned char c) { return c > ' ' && c < 127; };
   if (name.size() <= kMost && std::ranges::all_of(name, plain)) return {};
   return "must be at most 50 characters without spaces";
+}
+
+// "0, 2-3"
+io::Setting cpusSetting(const std::string& key, std::vector<int>& target) {
+  return io::checkedTextSetting(key, [&target](const std::string& text) -> io::Objection {
+    constexpr int kMost = 1023;  // as many as a cpu_set_t has
+    const auto ranges = io::parseIdRanges(text);
+    if (!ranges) return ranges.error().message;
+    for (const slam::IdRange& range : *ranges) {
+      if (range.last > kMost) return "must be processors from 0 to " + std::to_string(kMost);
+      for (int cpu = range.first; cpu <= range.last; ++cpu) target.push_back(cpu);
+    }
+    return {};
+  });
 }
 
 // Every key there is.
@@ -59,9 +74,14 @@ std::vector<io::Setting> settings(Configuration& c) {
       positionSetting("body.p_m", c.body.T_b_c),
       orientationSetting("body.q_wxyz", c.body.T_b_c),
       integerSetting("queue.depth", c.queue.depth, 1, 64),
-      integerSetting("realtime.capture_priority", c.realtime.capture_priority, 0, 99),
-      integerSetting("realtime.slam_priority", c.realtime.slam_priority, 0, 99),
-      integerSetting("realtime.publisher_priority", c.realtime.publisher_priority, 0, 99),
+      integerSetting("realtime.capture_priority", c.realtime.capture.priority, 0, 99),
+      integerSetting("realtime.slam_priority", c.realtime.slam.priority, 0, 99),
+      integerSetting("realtime.publisher_priority", c.realtime.publisher.priority, 0, 99),
+      integerSetting("realtime.recorder_priority", c.realtime.recorder.priority, 0, 99),
+      cpusSetting("realtime.capture_cpus", c.realtime.capture.cpus),
+      cpusSetting("realtime.slam_cpus", c.realtime.slam.cpus),
+      cpusSetting("realtime.publisher_cpus", c.realtime.publisher.cpus),
+      cpusSetting("realtime.recorder_cpus", c.realtime.recorder.cpus),
       flagSetting("realtime.lock_memory", c.realtime.lock_memory),
       textSetting("publish.url", c.publish.url, objectToUrl),
       textSetting("publish.channel_prefix", c.publish.channel_prefix, objectToChannel),

@@ -9,6 +9,7 @@
 #include "capture/camera_options.h"
 #include "daemon/body_motion.h"
 #include "daemon/log.h"
+#include "daemon/realtime.h"
 #include "io/slam_settings.h"
 #include "slam/geometry/calibration_fit.h"
 
@@ -38,9 +39,10 @@ struct Configuration {
   };
 
   struct RealTime {
-    int capture_priority = 0;    // of SCHED_FIFO; 0: scheduled like any other thread
-    int slam_priority = 0;       // likewise
-    int publisher_priority = 0;  // likewise
+    ThreadOptions capture;
+    ThreadOptions slam;
+    ThreadOptions publisher;
+    ThreadOptions recorder;
     bool lock_memory = false;
   };
 

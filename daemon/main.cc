@@ -10,7 +10,9 @@
 // SLAM loop empties it, the publisher sends what is left, the recorder writes it down, and
 // housekeeping tells what came of it.
 #include <algorithm>
+#include <atomic>
 #include <cstddef>
+#include <cstdint>
 #include <cstdio>
 #include <cstdlib>
 #include <string>
@@ -19,7 +21,6 @@
 
 #include <CLI/CLI.hpp>
 #include <opencv2/core/utility.hpp>
-#include <pthread.h>
 
 #include "capture/open_source.h"
 #include "daemon/camera_setup.h"
@@ -42,19 +43,6 @@ namespace waymark::daemon {
 namespace {
 
 enum ExitCode { kDone = 0, kFault = 1, kBadInput = 2 };
-
-// A thread with a name that top and gdb show. priority: 0 for none of its own.
-template <typename Run>
-std::thread startThread(const char* name, int priority, const Log& log, Run run) {
-  std::thread thread(std::move(run));
-  pthread_setname_np(thread.native_handle(), name);
-  if (priority > 0) {
-    if (const Status s = scheduleRealTime(thread, name, priority); !s) {
-      log.warning(s.error().message);
-    }
-  }
-  return thread;
-}
 
 // A camera whose frames are its driver's buffers needs some of them itself: one to fill and one to
 // follow, while the SLAM loop works on a third.
@@ -96,24 +84,32 @@ int runDaemon(const Configuration& configuration, const CameraSetup& camera, Sta
   }
 
   const Configuration::RealTime& realtime = configuration.realtime;
+  std::atomic<std::uint64_t> refusals{0};
+  const auto refused = [&](const Error& error) {
+    log.warning(error.message);
+    refusals.fetch_add(1, std::memory_order_relaxed);
+  };
+  publisher.addCounters(
+      [&](const CounterSink& sink) { sink("realtime.refused", refusals.load()); });
   if (realtime.lock_memory) {
-    if (const Status locked = lockMemory(); !locked) log.warning(locked.error().message);
+    if (const Status locked = lockMemory(); !locked) refused(locked.error());
   }
-  std::thread publisher_thread = startThread("wm-publisher", realtime.publisher_priority, log, [&] {
+  std::thread publisher_thread = startThread("wm-publisher", realtime.publisher, refused, [&] {
     publisher.run();
     stop.finish();
   });
   std::thread slam_thread =
-      startThread("wm-slam", realtime.slam_priority, log, [&] { slam_loop.run(); });
+      startThread("wm-slam", realtime.slam, refused, [&] { slam_loop.run(); });
   std::thread capture_thread =
-      startThread("wm-capture", realtime.capture_priority, log, [&] { capture_loop.run(); });
+      startThread("wm-capture", realtime.capture, refused, [&] { capture_loop.run(); });
 
   std::thread recorder_thread;
   if (recorder != nullptr) {
-    recorder_thread = startThread("wm-recorder", 0, log, [&] { recorder->run(); });
+    recorder_thread =
+        startThread("wm-recorder", realtime.recorder, refused, [&] { recorder->run(); });
   }
   std::thread housekeeping_thread =
-      startThread("wm-housekeeping", 0, log, [&] { housekeeper.run(); });
+      startThread("wm-housekeeping", {}, refused, [&] { housekeeper.run(); });
   service.ready();
 
   stop.wait();

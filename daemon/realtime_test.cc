@@ -1,10 +1,15 @@
 #include "daemon/realtime.h"
 
+#include <array>
 #include <atomic>
+#include <chrono>
 #include <string>
+#include <thread>
+#include <vector>
 
 #include <gtest/gtest.h>
 #include <pthread.h>
+#include <sched.h>
 #include <sys/resource.h>
 #include <sys/wait.h>
 #include <unistd.h>
@@ -54,6 +59,35 @@ bool holdsUnprivileged(const Check& check) {
   int status = 0;
   waitpid(child, &status, 0);
   return WIFEXITED(status) && WEXITSTATUS(status) == 0;
+}
+
+TEST(RealTime, AThreadRunsWhereItIsBoundTo) {
+  int where = -1;
+  std::vector<std::string> refused;
+  std::thread bound = startThread(
+      "wm-test", {.cpus = {0}}, [&](const Error& error) { refused.push_back(error.message); },
+      [&] {
+        std::this_thread::sleep_for(std::chrono::milliseconds(20));
+        where = sched_getcpu();
+      });
+  std::array<char, 16> name{};
+  pthread_getname_np(bound.native_handle(), name.data(), name.size());
+  EXPECT_STREQ(name.data(), "wm-test");
+  bound.join();
+  EXPECT_EQ(where, 0);
+  EXPECT_TRUE(refused.empty());
+}
+
+TEST(RealTime, AProcessorThatIsNotThereIsRefusedAndNamed) {
+  std::vector<std::string> refused;
+  bool ran = false;
+  startThread(
+      "wm-test", {.cpus = {1000}}, [&](const Error& error) { refused.push_back(error.message); },
+      [&] { ran = true; })
+      .join();
+  EXPECT_TRUE(ran) << "all the same";
+  ASSERT_EQ(refused.size(), 1U);
+  EXPECT_TRUE(refused[0].starts_with("wm-test is not bound to processor 1000: ")) << refused[0];
 }
 
 TEST(RealTime, RefusalsNameTheLimit) {
