@@ -6,6 +6,7 @@
 #include <filesystem>
 #include <fstream>
 #include <string>
+#include <thread>
 #include <vector>
 
 #include <gtest/gtest.h>
@@ -65,6 +66,19 @@ TEST_F(EchoTest, WhatASubscriberGetsIsNearTheTruth) {
   // Wrong times, axes or maps would be off by decimetres.
   EXPECT_LT(errors["ate_m"]["rms"].get<double>(), 0.02);
   EXPECT_LT(errors["ace_m"]["rms"].get<double>(), 0.03);
+}
+
+TEST_F(EchoTest, TheExampleForIntegratorsPrintsPoses) {
+  const Process daemon(daemonCommand(), file("log"));
+  const Process listener({POSE_LISTENER, url_}, file("listener.err"), file("listener.out"));
+  const auto until = std::chrono::steady_clock::now() + std::chrono::seconds(20);
+  std::string said;
+  while (said.find(" mm  ") == std::string::npos && std::chrono::steady_clock::now() < until) {
+    std::this_thread::sleep_for(std::chrono::milliseconds(20));
+    said = readFile(file("listener.out"));
+  }
+  EXPECT_NE(said.find(" m  +- "), std::string::npos)
+      << said << readFile(file("listener.err")) << daemon.stderrText();
 }
 
 TEST_F(EchoTest, TimesCountFromTheFirstFrameAndLinesAreThinnedOut) {
