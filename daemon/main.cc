@@ -26,6 +26,7 @@
 #include "daemon/camera_setup.h"
 #include "daemon/capture_loop.h"
 #include "daemon/configuration.h"
+#include "daemon/datagrams_only.h"
 #include "daemon/housekeeper.h"
 #include "daemon/log.h"
 #include "daemon/map_keeper.h"
@@ -150,6 +151,7 @@ int run(const std::string& configuration_file, bool check_only) {
     return kBadInput;
   }
   const Log log(configuration->log.level, for_journal);
+  if (const Status s = allowDatagramsOnly(); !s) log.warning(s.error().message);
   const Result<CameraSetup> camera = prepareCamera(*configuration);
   if (!camera) {
     log.error(camera.error().message);
