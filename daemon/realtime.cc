@@ -5,6 +5,7 @@
 
 #include <pthread.h>
 #include <sys/mman.h>
+#include <sys/resource.h>
 
 namespace waymark::daemon {
 
@@ -21,6 +22,12 @@ Status scheduleRealTime(std::thread& thread, const std::string& name, int priori
   if (error == 0) return success();
   return Error{name + " runs without real-time priority " + std::to_string(priority) + ": " +
                std::strerror(error) + " (the limit is RLIMIT_RTPRIO, LimitRTPRIO= of a service)"};
+}
+
+// In Linux a thread has a priority of its own. Lowering it is always allowed.
+void giveWay() {
+  constexpr int kNice = 10;
+  (void)::setpriority(PRIO_PROCESS, 0, kNice);
 }
 
 }  // namespace waymark::daemon

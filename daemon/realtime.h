@@ -16,4 +16,8 @@ Status lockMemory();
 // is for the message.
 Status scheduleRealTime(std::thread& thread, const std::string& name, int priority);
 
+// The calling thread gives way to all others that want the processor: for long computations that
+// nobody waits for.
+void giveWay();
+
 }  // namespace waymark::daemon
