@@ -98,11 +98,9 @@ std::vector<io::Setting> settings(Configuration& c) {
       integerSetting("record.keep_free_mib", c.record.keep_free_mib, 0, 100'000'000),
       integerSetting("record.flush_ms", c.record.flush_ms, 10, 60'000),
       integerSetting("record.buffer_mib", c.record.buffer_mib, 1, 4096),
+      pathSetting("control.socket", c.control.socket),
       choiceSetting<LogLevel>("log.level", c.log.level,
-                              {{"error", LogLevel::kError},
-                               {"warning", LogLevel::kWarning},
-                               {"info", LogLevel::kInfo},
-                               {"debug", LogLevel::kDebug}}),
+                              {kLogLevelNames.begin(), kLogLevelNames.end()}),
   };
   std::ranges::move(slamSettingKeys(c.slam), std::back_inserter(all));
   return all;
@@ -153,6 +151,7 @@ void resolvePaths(const fs::path& file, Configuration& c) {
   resolve(c.camera.calibration);
   resolve(c.camera.simulator.truth_dir);
   resolve(c.record.directory);
+  resolve(c.control.socket);
   resolve(c.slam.map.in);
   resolve(c.slam.map.out);
   const std::string_view source = c.camera.source;
@@ -164,6 +163,7 @@ void resolvePaths(const fs::path& file, Configuration& c) {
 
 Result<Configuration> parseConfiguration(const std::string& text, const fs::path& file) {
   Configuration configuration;
+  configuration.text = text;
   if (const Status read = io::readSettings(text, file, settings(configuration)); !read) {
     return read.error();
   }

@@ -68,6 +68,11 @@ struct Configuration {
     int buffer_mib = 64;      // MiB of frames that wait for the disk
   };
 
+  // The Unix socket for `waymark ctl`.
+  struct Control {
+    std::filesystem::path socket;  // empty: control.sock in the service's runtime directory, if any
+  };
+
   struct Logging {
     LogLevel level = LogLevel::kInfo;
   };
@@ -79,7 +84,9 @@ struct Configuration {
   RealTime realtime;
   Publish publish;
   Record record;
+  Control control;
   Logging log;
+  std::string text;  // all of it, as it stands in the file
 };
 
 // Relative paths in the file count from the file's own directory. Syntax errors, unknown keys,

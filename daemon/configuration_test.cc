@@ -88,6 +88,8 @@ TEST(Configuration, TheExampleWithEverythingUncommentedChangesNoDefault) {
   EXPECT_EQ(o.mapper.marker_pose.ambiguity_ratio, e.mapper.marker_pose.ambiguity_ratio);
   EXPECT_EQ(o.tracking.relocalisation.ambiguity_ratio, e.tracking.relocalisation.ambiguity_ratio);
   EXPECT_EQ(o.mapper.local_optimisation.max_iterations, e.mapper.local_optimisation.max_iterations);
+  EXPECT_EQ(c->slam.map.save_interval_s, d.slam.map.save_interval_s);
+  EXPECT_EQ(c->control.socket, "/run/waymark/control.sock");
   EXPECT_EQ(c->queue.depth, d.queue.depth);
   EXPECT_EQ(c->publish.url, d.publish.url);
   EXPECT_EQ(c->publish.channel_prefix, d.publish.channel_prefix);

@@ -9,7 +9,17 @@
 namespace waymark::daemon {
 namespace {
 
-std::string stateName(std::int8_t status) {
+// Counters that count what should not happen.
+bool isFault(std::string_view counter) {
+  constexpr std::array<std::string_view, 7> kPrefixes = {
+      "dropped.",      "deadline.",     "unsent.",        "camera.silences",
+      "map.save_fail", "recorder.lost", "recorder.pauses"};
+  return std::ranges::any_of(kPrefixes, [&](auto prefix) { return counter.starts_with(prefix); });
+}
+
+}  // namespace
+
+std::string statusName(std::int8_t status) {
   switch (status) {
     case pose_t::STATUS_INITIALIZING:
       return "initializing";
@@ -23,15 +33,6 @@ std::string stateName(std::int8_t status) {
       return "status " + std::to_string(status);
   }
 }
-
-// Counters that count what should not happen.
-bool isFault(std::string_view counter) {
-  constexpr std::array<std::string_view, 6> kPrefixes = {
-      "dropped.", "deadline.", "unsent.", "camera.silences", "recorder.lost", "recorder.pauses"};
-  return std::ranges::any_of(kPrefixes, [&](auto prefix) { return counter.starts_with(prefix); });
-}
-
-}  // namespace
 
 HealthJournal::News HealthJournal::news(const health_t& health) {
   News news;
@@ -49,7 +50,7 @@ HealthJournal::News HealthJournal::news(const health_t& health) {
 }
 
 std::string HealthJournal::describeState(const health_t& health) {
-  std::string text = stateName(health.status);
+  std::string text = statusName(health.status);
   if (!health.reason.empty()) text += ": " + health.reason;
   return text;
 }

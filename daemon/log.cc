@@ -1,5 +1,6 @@
 #include "daemon/log.h"
 
+#include <algorithm>
 #include <cstdlib>
 #include <string>
 
@@ -25,6 +26,19 @@ std::string_view prefix(LogLevel level, bool for_journal) {
 
 }  // namespace
 
+std::string_view nameOf(LogLevel level) {
+  const auto* const found =
+      std::ranges::find(kLogLevelNames, level, [](const auto& pair) { return pair.second; });
+  return found == kLogLevelNames.end() ? "" : found->first;
+}
+
+std::optional<LogLevel> logLevelByName(std::string_view name) {
+  const auto* const found =
+      std::ranges::find(kLogLevelNames, name, [](const auto& pair) { return pair.first; });
+  if (found == kLogLevelNames.end()) return std::nullopt;
+  return found->second;
+}
+
 bool Log::journalListens() {
   // The variable is inherited by every child; it means this stderr only when it names it.
   const char* stream = std::getenv("JOURNAL_STREAM");  // NOLINT(concurrency-mt-unsafe): at start
@@ -35,7 +49,7 @@ bool Log::journalListens() {
 }
 
 void Log::write(LogLevel level, std::string_view text) const {
-  if (level > level_) return;
+  if (level > this->level()) return;
   std::string line(prefix(level, for_journal_));
   line += text;
   line += '\n';

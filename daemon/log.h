@@ -2,18 +2,36 @@
 // systemd. Not for the SLAM loop or any other thread's per-frame path.
 #pragma once
 
+#include <array>
+#include <atomic>
+#include <optional>
 #include <string_view>
+#include <utility>
 
 namespace waymark::daemon {
 
 // Values are syslog priorities, as the journal wants them.
 enum class LogLevel { kError = 3, kWarning = 4, kInfo = 6, kDebug = 7 };
 
+// As they are called in configurations and requests.
+inline constexpr std::array<std::pair<std::string_view, LogLevel>, 4> kLogLevelNames = {
+    {{"error", LogLevel::kError},
+     {"warning", LogLevel::kWarning},
+     {"info", LogLevel::kInfo},
+     {"debug", LogLevel::kDebug}}};
+[[nodiscard]] std::string_view nameOf(LogLevel level);
+// Empty when there is no such level.
+[[nodiscard]] std::optional<LogLevel> logLevelByName(std::string_view name);
+
 // Safe to use from several threads: each line is one write.
 class Log {
  public:
   // Lines less urgent than `level` are left out. `for_journal`: begin each line with <N>.
   Log(LogLevel level, bool for_journal) : level_(level), for_journal_(for_journal) {}
+
+  // Any thread; holds from the next line on.
+  void setLevel(LogLevel level) { level_.store(level, std::memory_order_relaxed); }
+  [[nodiscard]] LogLevel level() const { return level_.load(std::memory_order_relaxed); }
 
   // True when stderr goes to the systemd journal.
   [[nodiscard]] static bool journalListens();
@@ -26,8 +44,8 @@ class Log {
  private:
   void write(LogLevel level, std::string_view text) const;
 
-  LogLevel level_;
-  bool for_journal_;
+  std::atomic<LogLevel> level_;
+  const bool for_journal_;
 };
 
 }  // namespace waymark::daemon

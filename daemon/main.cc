@@ -1,9 +1,11 @@
 // waymarkd: camera in, poses out. This file is the wiring diagram:
 //
 //   capture thread --> [newest wins] --> SLAM thread --> [records, map] --> publisher thread
-//        |                                    ^                                |    |    |
-//        |                                  nudges                         [health] v    |
-//        |                                    '---- housekeeping thread <------'   LCM   |
+//        |                                 ^   ^                               |    |    |
+//        |                         [errands]   nudges                      [health] v    |
+//        |                                 |   '--- housekeeping thread <------'   LCM   |
+//        |                     map thread -'             |       ^                       |
+//        |                          ^---- [requests] ----'       '--- control socket     |
 //        '--- [frames] ------------> recorder thread <------------- [messages] ----------'
 //
 // The main thread only waits. A stop travels the same way as a frame: capture closes its queue, the
@@ -15,26 +17,35 @@
 #include <cstdint>
 #include <cstdio>
 #include <cstdlib>
+#include <filesystem>
+#include <memory>
 #include <string>
+#include <string_view>
 #include <thread>
 #include <utility>
 
 #include <CLI/CLI.hpp>
 #include <opencv2/core/utility.hpp>
 
+#include "base/clock.h"
 #include "capture/open_source.h"
 #include "daemon/camera_setup.h"
 #include "daemon/capture_loop.h"
 #include "daemon/configuration.h"
+#include "daemon/control_server.h"
+#include "daemon/controller.h"
 #include "daemon/datagrams_only.h"
 #include "daemon/housekeeper.h"
 #include "daemon/log.h"
 #include "daemon/map_keeper.h"
+#include "daemon/map_worker.h"
 #include "daemon/publisher.h"
 #include "daemon/realtime.h"
 #include "daemon/recorder.h"
 #include "daemon/recorder_setup.h"
+#include "daemon/reload_signal.h"
 #include "daemon/service_manager.h"
+#include "daemon/slam_errands.h"
 #include "daemon/slam_loop.h"
 #include "daemon/stop_signal.h"
 #include "daemon/triple_buffer.h"
@@ -42,6 +53,8 @@
 
 namespace waymark::daemon {
 namespace {
+
+namespace fs = std::filesystem;
 
 enum ExitCode { kDone = 0, kFault = 1, kBadInput = 2 };
 
@@ -56,28 +69,69 @@ std::size_t queueDepth(const Configuration& configuration) {
   return static_cast<std::size_t>(std::max(depth, 1));
 }
 
-// recorder: may be null.
-int runDaemon(const Configuration& configuration, const CameraSetup& camera, StartMap start,
-              Recorder* recorder, const Log& log) {
-  StopSignal stop;       // first: threads inherit what it blocks
-  cv::setNumThreads(1);  // the SLAM loop is one thread, and it does not wait for others
+// Where systemd made a runtime directory for this service, the socket is in there.
+fs::path controlSocket(const Configuration& configuration) {
+  if (!configuration.control.socket.empty()) return configuration.control.socket;
+  const char* directory = std::getenv("RUNTIME_DIRECTORY");  // NOLINT(concurrency-mt-unsafe)
+  if (directory == nullptr || *directory == '\0') return {};
+  const std::string_view all = directory;  // with colons between several
+  return fs::path(all.substr(0, all.find(':'))) / "control.sock";
+}
+
+// Null where nobody wants a socket.
+Result<std::unique_ptr<ControlServer>> openControl(const Configuration& configuration) {
+  const fs::path socket = controlSocket(configuration);
+  if (socket.empty()) return std::unique_ptr<ControlServer>();
+  return ControlServer::open(socket);
+}
+
+// recorder, control: may be null.
+int runDaemon(const Configuration& configuration, const fs::path& configuration_file,
+              const CameraSetup& camera, StartMap start, Recorder* recorder, ControlServer* control,
+              Log& log) {
+  StopSignal stop;             // first: threads inherit what it blocks
+  ReloadSignal reload_signal;  // likewise
+  cv::setNumThreads(1);        // the SLAM loop is one thread, and it does not wait for others
   CameraStatus camera_status;
   FrameQueue frames(queueDepth(configuration));
-  slam::Slam slam(slam::CameraModel(camera.calibration),
-                  *slam::Dictionary::byName(configuration.slam.dictionary), start.options,
-                  std::move(start.map));
+  SlamErrands errands(frames);
+  auto slam = std::make_unique<slam::Slam>(slam::CameraModel(camera.calibration),
+                                           *slam::Dictionary::byName(configuration.slam.dictionary),
+                                           start.options, std::move(start.map));
+  for (const std::string& warning : start.warnings) log.warning(warning);
   for (const std::string& note : start.notes) log.info(note);
   SlamOutput output;
   TripleBuffer<health_t> health;
   const ServiceManager service{};
 
   CaptureLoop capture_loop(camera.opener, frames, camera_status, log);
-  SlamLoop slam_loop(slam, frames, camera_status, output);
+  SlamLoop slam_loop(std::move(slam), frames, camera_status, errands, output);
   Publisher publisher(configuration.publish, configuration.body, configuration.slam.dictionary,
                       output, camera_status, frames, health, log);
   Housekeeper housekeeper(frames, output, health, service, log,
                           {.watchdog_ns = ServiceManager::watchdogNs()});
+  MapWorker maps(configuration.slam, camera.calibration, errands, output, log);
+  Controller controller({.log = log,
+                         .publisher = publisher,
+                         .maps = maps,
+                         .slam = output,
+                         .service = service,
+                         .recorder = recorder},
+                        configuration, configuration_file);
 
+  publisher.addCounters([&](const CounterSink& sink) { maps.tellCounters(sink); });
+  publisher.addCounters([&](const CounterSink& sink) { controller.tellCounters(sink); });
+  housekeeper.setTap([&](const health_t& message) { controller.setHealth(message); });
+  housekeeper.watch(reload_signal.fd(), [&] {
+    if (reload_signal.take()) controller.reloadBySignal();
+  });
+  if (control != nullptr) {
+    control->setHandler(
+        [&](auto client, const auto& line) { return controller.handle(client, line); });
+    housekeeper.watch(control->fd(), [&] { control->serve(monotonicNs()); });
+    housekeeper.watch(controller.answersFd(), [&] { controller.deliverAnswers(*control); });
+    publisher.addCounters([&](const CounterSink& sink) { control->tellCounters(sink); });
+  }
   if (recorder != nullptr) {
     capture_loop.setTap([&](const capture::Frame& frame) { recorder->addFrame(frame); });
     publisher.setTap([&](auto... message) { recorder->addMessage(message...); });
@@ -109,6 +163,10 @@ int runDaemon(const Configuration& configuration, const CameraSetup& camera, Sta
     recorder_thread =
         startThread("wm-recorder", realtime.recorder, refused, [&] { recorder->run(); });
   }
+  std::thread map_thread = startThread("wm-maps", {}, refused, [&] {
+    giveWay();
+    maps.run();
+  });
   std::thread housekeeping_thread =
       startThread("wm-housekeeping", {}, refused, [&] { housekeeper.run(); });
   service.ready();
@@ -125,10 +183,14 @@ int runDaemon(const Configuration& configuration, const CameraSetup& camera, Sta
     recorder->requestStop();
     recorder_thread.join();
   }
+  maps.requestStop();
+  map_thread.join();
+  // Meanwhile housekeeping goes on: an optimisation of everything may take longer than the watchdog
+  // waits.
+  const Result<std::string> saved = maps.saveAtEnd(slam_loop.slam());
   housekeeper.requestStop();
   housekeeping_thread.join();
 
-  const Result<std::string> saved = saveMap(configuration.slam, slam);
   if (!saved) {
     log.error(saved.error().message);
   } else if (!saved->empty()) {
@@ -138,8 +200,9 @@ int runDaemon(const Configuration& configuration, const CameraSetup& camera, Sta
     log.error(capture_loop.failure()->message);
     return kBadInput;
   }
-  log.info("stopped after " + std::to_string(slam.counters().frames) + " frames, " +
-           std::to_string(slam.counters().localized) + " of them localised");
+  const slam::Counters counters = slam_loop.counters();
+  log.info("stopped after " + std::to_string(counters.frames) + " frames, " +
+           std::to_string(counters.localized) + " of them localised");
   return saved ? kDone : kFault;
 }
 
@@ -150,7 +213,7 @@ int run(const std::string& configuration_file, bool check_only) {
     Log(LogLevel::kError, for_journal).error(configuration.error().message);
     return kBadInput;
   }
-  const Log log(configuration->log.level, for_journal);
+  Log log(configuration->log.level, for_journal);
   if (const Status s = allowDatagramsOnly(); !s) log.warning(s.error().message);
   const Result<CameraSetup> camera = prepareCamera(*configuration);
   if (!camera) {
@@ -172,7 +235,13 @@ int run(const std::string& configuration_file, bool check_only) {
     log.error(recorder.error().message);
     return kBadInput;
   }
-  return runDaemon(*configuration, *camera, std::move(start).value(), recorder->get(), log);
+  const Result<std::unique_ptr<ControlServer>> control = openControl(*configuration);
+  if (!control) {
+    log.error(control.error().message);
+    return kBadInput;
+  }
+  return runDaemon(*configuration, configuration_file, *camera, std::move(start).value(),
+                   recorder->get(), control->get(), log);
 }
 
 }  // namespace

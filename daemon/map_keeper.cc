@@ -27,7 +27,26 @@ Status checkWritable(const fs::path& file) {
   return output ? success() : Status(output.error());
 }
 
+// A file that can be read to its end as a map, whatever is in it.
+bool isWhole(const fs::path& file) { return io::readMap(file).ok(); }
+
+// What becomes of the map of a daemon when the power is cut while it is being written, or its disk
+// is failing: the one before is used.
+Result<StartMap> readWithPrevious(const fs::path& file, const io::SlamSettings& settings,
+                                  const slam::Calibration& camera) {
+  Result<StartMap> start = readOtherMap(file, settings, camera);
+  // A whole map that does not fit is the wrong one, and so is the one before it.
+  if (start || isWhole(file)) return start;
+  Result<StartMap> previous = readOtherMap(previousOf(file), settings, camera);
+  if (!previous) return start;
+  previous->warnings.insert(previous->warnings.begin(),
+                            start.error().message + "; using the map before it");
+  return previous;
+}
+
 }  // namespace
+
+fs::path previousOf(const fs::path& map_file) { return map_file.string() + ".previous"; }
 
 Result<StartMap> readStartMap(const io::SlamSettings& settings, const slam::Calibration& camera) {
   const io::MapSettings& map = settings.map;
@@ -36,21 +55,43 @@ Result<StartMap> readStartMap(const io::SlamSettings& settings, const slam::Cali
   start.options = settings.options;
   if (map.in.empty()) return start;
   std::error_code error;
-  if (map.in == map.out && !fs::exists(map.in, error) && !error) {
+  if (map.in == map.out && !fs::exists(map.in, error) && !error &&
+      !fs::exists(previousOf(map.in), error)) {
     start.notes.push_back(map.in.string() + ": not there yet; beginning a new map");
     return start;
   }
-  Result<io::OldMap> old = io::readOldMap(map.in, {.dictionary = settings.dictionary,
-                                                   .markers = settings.options.markers,
-                                                   .camera = camera,
-                                                   .localise_only = map.localise_only});
+  return readWithPrevious(map.in, settings, camera);
+}
+
+Result<StartMap> readOtherMap(const fs::path& file, const io::SlamSettings& settings,
+                              const slam::Calibration& camera) {
+  StartMap start;
+  start.options = settings.options;
+  Result<io::OldMap> old = io::readOldMap(file, {.dictionary = settings.dictionary,
+                                                 .markers = settings.options.markers,
+                                                 .camera = camera,
+                                                 .localise_only = settings.map.localise_only});
   if (!old) return old.error();
   io::agreeOnReadout(&*old, &start.options);
-  start.notes = std::move(old->warnings);
-  start.notes.push_back(map.in.string() + ": going on with " + contents(old->file.map));
+  start.warnings = std::move(old->warnings);
+  start.notes.push_back(file.string() + ": going on with " + contents(old->file.map));
   start.map = std::move(old->file.map);
   start.text = std::move(old->text);
   return start;
+}
+
+Result<std::string> writeMap(const io::SlamSettings& settings, const slam::Map& map,
+                             const slam::Calibration& camera, double readout_s) {
+  const fs::path& file = settings.map.out;
+  const std::string text = io::formatMap(map, camera, readout_s);
+  const Result<std::string> before = io::readTextFile(file);
+  if (before && *before == text) return file.string() + ": is as it was, " + contents(map);
+  // What is no whole map must not take the place of one that may be.
+  const bool keep = before && io::parseMap(*before, file).ok();
+  const Status written =
+      keep ? io::writeTextFileKeeping(file, text, previousOf(file)) : io::writeTextFile(file, text);
+  if (!written) return written.error();
+  return file.string() + ": saved " + contents(map);
 }
 
 Result<std::string> saveMap(const io::SlamSettings& settings, slam::Slam& slam) {
@@ -58,10 +99,7 @@ Result<std::string> saveMap(const io::SlamSettings& settings, slam::Slam& slam) 
   if (file.empty()) return std::string();
   if (slam.map().empty()) return file.string() + ": there is no map to save";
   slam.optimiseGlobally();
-  const Status written = io::writeTextFile(
-      file, io::formatMap(slam.map(), slam.camera().calibration(), slam.readout_s()));
-  if (!written) return written.error();
-  return file.string() + ": saved " + contents(slam.map());
+  return writeMap(settings, slam.map(), slam.camera().calibration(), slam.readout_s());
 }
 
 }  // namespace waymark::daemon

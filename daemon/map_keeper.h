@@ -1,6 +1,7 @@
-// The map across restarts: read when the daemon starts, written when it stops.
+// The map across restarts: read when the daemon starts, written now and then, and when it stops.
 #pragma once
 
+#include <filesystem>
 #include <string>
 #include <vector>
 
@@ -13,21 +14,35 @@
 namespace waymark::daemon {
 
 struct StartMap {
-  slam::Map map;                   // empty: begin anew
-  std::string text;                // of its file, byte for byte
-  std::vector<std::string> notes;  // for the log: what came from where
-  slam::Options options;           // with what the map knows of the camera
+  slam::Map map;                      // empty: begin anew
+  std::string text;                   // of its file, byte for byte
+  std::vector<std::string> warnings;  // for the log
+  std::vector<std::string> notes;     // likewise: what came from where
+  slam::Options options;              // with what the map knows of the camera
 };
 
+// The map before the one in a file, kept by saving.
+[[nodiscard]] std::filesystem::path previousOf(const std::filesystem::path& map_file);
+
 // Reads slam.map_in, checks that it fits the markers and the camera, and that slam.map_out can be
-// written. A missing file is an error, except where map_in and map_out are the same: then this is
-// the first start.
+// written. Where the file is damaged or missing and the one before it is good, that one is taken. A
+// missing file is an error, except where map_in and map_out are the same: then this is the first
+// start.
 [[nodiscard]] Result<StartMap> readStartMap(const io::SlamSettings& settings,
                                             const slam::Calibration& camera);
 
-// Optimises the whole map and writes it to slam.map_out: the old file or the new one is there,
-// whatever happens. Without a map nothing is written. Returns what became of it, for the log; empty
-// without a map_out.
+// Reads another file to go on with, and checks it likewise.
+[[nodiscard]] Result<StartMap> readOtherMap(const std::filesystem::path& file,
+                                            const io::SlamSettings& settings,
+                                            const slam::Calibration& camera);
+
+// Writes a map to slam.map_out, if it has changed. The map that was there is kept as previousOf();
+// after a power cut at any time, one of the two is whole. Returns what became of it, for the log.
+[[nodiscard]] Result<std::string> writeMap(const io::SlamSettings& settings, const slam::Map& map,
+                                           const slam::Calibration& camera, double readout_s);
+
+// Optimises the whole map and writes it. Without a map nothing is written. Returns what became of
+// it; empty without a map_out.
 [[nodiscard]] Result<std::string> saveMap(const io::SlamSettings& settings, slam::Slam& slam);
 
 }  // namespace waymark::daemon

@@ -37,6 +37,7 @@ Publisher::Publisher(const Configuration::Publish& options, const BodyMotion::Op
                      std::string dictionary, SlamOutput& input, const CameraStatus& camera,
                      const FrameQueue& frames, TripleBuffer<health_t>& health, const Log& log)
     : options_(options),
+      detections_wanted_(options.detections),
       dictionary_(std::move(dictionary)),
       pose_channel_(options.channel_prefix + "POSE"),
       detections_channel_(options.channel_prefix + "DETECTIONS"),
@@ -87,7 +88,7 @@ void Publisher::publishFrame() {
                     bot_core_pose_);
     send(options_.pose_channel, bot_core_pose_);
   }
-  if (options_.detections) {
+  if (detections()) {
     fillDetections(record_, dictionary_, detections_);
     send(detections_channel_, detections_);
   }

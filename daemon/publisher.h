@@ -2,6 +2,7 @@
 #pragma once
 
 #include <array>
+#include <atomic>
 #include <cstdint>
 #include <functional>
 #include <memory>
@@ -39,6 +40,12 @@ class Publisher {
   // Counters of others for the health messages. Before run().
   void addCounters(CounterSource counters) { others_.push_back(std::move(counters)); }
 
+  // Any thread: whether detections are published, from the next frame on.
+  void setDetections(bool wanted) { detections_wanted_.store(wanted, std::memory_order_relaxed); }
+  [[nodiscard]] bool detections() const {
+    return detections_wanted_.load(std::memory_order_relaxed);
+  }
+
   // The thread's body. Returns when the SLAM loop has finished and all it left is sent.
   void run();
 
@@ -66,6 +73,7 @@ class Publisher {
   static constexpr std::size_t kMaxMessageBytes = 60'000;
 
   const Configuration::Publish options_;
+  std::atomic<bool> detections_wanted_;
   const std::string dictionary_;
   const std::string pose_channel_, detections_channel_, map_channel_, health_channel_;
   SlamOutput& input_;

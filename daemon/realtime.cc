@@ -8,6 +8,7 @@
 
 #include <pthread.h>
 #include <sys/mman.h>
+#include <sys/resource.h>
 
 namespace waymark::daemon {
 namespace {
@@ -66,6 +67,12 @@ std::thread startThread(const std::string& name, const ThreadOptions& options,
     if (const Status s = pinToProcessors(thread, name, options.cpus); !s) refused(s.error());
   }
   return thread;
+}
+
+// In Linux a thread has a priority of its own. Lowering it is always allowed.
+void giveWay() {
+  constexpr int kNice = 10;
+  (void)::setpriority(PRIO_PROCESS, 0, kNice);
 }
 
 }  // namespace waymark::daemon

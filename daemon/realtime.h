@@ -32,4 +32,8 @@ struct ThreadOptions {
                                       const std::function<void(const Error&)>& refused,
                                       std::function<void()> run);
 
+// The calling thread gives way to all others that want the processor: for long computations that
+// nobody waits for.
+void giveWay();
+
 }  // namespace waymark::daemon

@@ -5,11 +5,14 @@
 #include <atomic>
 #include <cstddef>
 #include <cstdint>
+#include <memory>
+#include <utility>
 
 #include <readerwriterqueue/readerwritercircularbuffer.h>
 
 #include "daemon/capture_loop.h"
 #include "daemon/frame_record.h"
+#include "daemon/slam_errands.h"
 #include "daemon/stage_clock.h"
 #include "daemon/triple_buffer.h"
 #include "slam/slam.h"
@@ -27,6 +30,10 @@ struct SlamOutput {
   TripleBuffer<MapSnapshot> map;
   std::atomic<std::int64_t> alive_ns{0};  // monotonic, when the loop last came round
   std::atomic<bool> finished{false};      // nothing more will come
+  // Grows when the map changes: a map copied or saved at the same count is the same map.
+  std::atomic<std::uint64_t> map_revision{0};
+  std::atomic<int> map_markers{0};  // with a pose, in the map last handed on
+  std::atomic<int> map_keyframes{0};
 };
 
 class SlamLoop {
@@ -39,26 +46,36 @@ class SlamLoop {
     std::int64_t map_interval_ns = 100'000'000;
   };
 
-  SlamLoop(slam::Slam& slam, FrameQueue& frames, const CameraStatus& camera, SlamOutput& output,
-           const Options& options);
-  SlamLoop(slam::Slam& slam, FrameQueue& frames, const CameraStatus& camera, SlamOutput& output)
-      : SlamLoop(slam, frames, camera, output, Options{}) {}
+  SlamLoop(std::unique_ptr<slam::Slam> slam, FrameQueue& frames, const CameraStatus& camera,
+           SlamErrands& errands, SlamOutput& output, const Options& options);
+  SlamLoop(std::unique_ptr<slam::Slam> slam, FrameQueue& frames, const CameraStatus& camera,
+           SlamErrands& errands, SlamOutput& output)
+      : SlamLoop(std::move(slam), frames, camera, errands, output, Options{}) {}
 
   // The thread's body. Returns when the queue is closed and empty. Comes round with every frame,
   // and when the queue is nudged.
   void run();
 
+  // After run().
+  [[nodiscard]] slam::Slam& slam() { return *slam_; }
+  // Of all SLAMs that there have been.
+  [[nodiscard]] slam::Counters counters() const;
+
  private:
+  void serveErrand();
   void process(const capture::Frame& frame);
   void record(const capture::FrameStamp& stamp, const slam::FrameResult& result,
               std::int64_t processing_ns);
+  void countMapChange();
   [[nodiscard]] bool tookTooLong(std::int64_t processing_ns) const;
   void handOnMapWhenDue(const capture::FrameStamp& stamp);
   void handOnMap(const capture::FrameStamp& stamp);
 
-  slam::Slam& slam_;
+  std::unique_ptr<slam::Slam> slam_;
+  slam::Counters earlier_;  // of the SLAMs before this one
   FrameQueue& frames_;
   const CameraStatus& camera_;
+  SlamErrands& errands_;
   SlamOutput& output_;
   const Options options_;
   StageClock clock_;

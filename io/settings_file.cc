@@ -142,6 +142,19 @@ class SettingsReader {
   std::string where_;
 };
 
+void addSettingTexts(const toml::table& table, const std::string& prefix, SettingTexts* texts) {
+  for (const auto& [key_token, node] : table) {
+    const std::string key = prefix + std::string(key_token.str());
+    if (node.is_table()) {
+      addSettingTexts(*node.as_table(), key + ".", texts);
+      continue;
+    }
+    std::ostringstream value;
+    node.visit([&](const auto& of_its_type) { value << of_its_type; });
+    texts->emplace(key, value.str());
+  }
+}
+
 }  // namespace
 
 Setting required(Setting setting) {
@@ -267,6 +280,26 @@ Status readSettings(const std::string& text, const fs::path& file,
   const SettingsReader reader(file, settings);
   if (Status status = reader.readTable(parsed.table(), "", others); !status) return status;
   return reader.checkRequired(parsed.table());
+}
+
+SettingTexts settingTexts(const std::string& text) {
+  SettingTexts texts;
+  const toml::parse_result parsed = toml::parse(text);
+  if (parsed) addSettingTexts(parsed.table(), "", &texts);
+  return texts;
+}
+
+std::vector<std::string> changedSettings(const SettingTexts& a, const SettingTexts& b) {
+  std::vector<std::string> keys;
+  for (const auto& [key, value] : a) {
+    const auto found = b.find(key);
+    if (found == b.end() || found->second != value) keys.push_back(key);
+  }
+  for (const auto& [key, value] : b) {
+    if (!a.contains(key)) keys.push_back(key);
+  }
+  std::ranges::sort(keys);
+  return keys;
 }
 
 fs::path besideFile(const fs::path& file, const fs::path& path) {

@@ -95,6 +95,15 @@ template <typename Value>
                                   std::span<const Setting> settings,
                                   std::span<const std::string_view> others = {});
 
+// Every key of a text with its value as text, however it is written: comments, order and spaces do
+// not show. Lists of sections count as one value. Nothing of a text that is no TOML.
+using SettingTexts = std::map<std::string, std::string>;
+[[nodiscard]] SettingTexts settingTexts(const std::string& text);
+
+// The keys that are in one only, or have another value there.
+[[nodiscard]] std::vector<std::string> changedSettings(const SettingTexts& a,
+                                                       const SettingTexts& b);
+
 // A path in the file counts from the file's own directory.
 [[nodiscard]] std::filesystem::path besideFile(const std::filesystem::path& file,
                                                const std::filesystem::path& path);

@@ -82,6 +82,7 @@ std::vector<Setting> slamSettingKeys(SlamSettings& target) {
       pathSetting("slam.map_in", target.map.in),
       pathSetting("slam.map_out", target.map.out),
       flagSetting("slam.localize_only", target.map.localise_only),
+      integerSetting("slam.map_save_interval_s", target.map.save_interval_s, 0, 1'000'000),
       numberSetting("slam.detector.scanner.min_side_px", scanner.quads.min_side_px, 4.0, 1000.0,
                     "px"),
       numberSetting("slam.detector.edges.fit.min_contrast", o.detector.edges.fit.min_contrast, 1.0,

@@ -17,6 +17,7 @@ struct MapSettings {
   std::filesystem::path in;    // empty: begin a new map
   std::filesystem::path out;   // written at the end; empty: nowhere
   bool localise_only = false;  // leave the map of `in` as it is
+  int save_interval_s = 300;   // of the daemon, when the map has changed; 0: only at the end
 };
 
 struct SlamSettings {

@@ -98,6 +98,31 @@ Status writeTextFile(const fs::path& path, std::string_view content) {
   return success();
 }
 
+Status writeTextFileKeeping(const fs::path& path, std::string_view content,
+                            const fs::path& previous) {
+  const fs::path directory = path.has_parent_path() ? path.parent_path() : fs::path(".");
+  PendingFile file(path);
+  if (Status written = file.write(content); !written) return written;
+  // A second name first, so that `path` is never without a file.
+  const fs::path second_name = previous.string() + ".tmp";
+  ::unlink(second_name.c_str());
+  if (::link(path.c_str(), second_name.c_str()) == 0) {
+    if (::rename(second_name.c_str(), previous.c_str()) != 0) {
+      const Error error = systemError(previous, "cannot be written");
+      ::unlink(second_name.c_str());
+      return error;
+    }
+  } else if (errno != ENOENT && ::rename(path.c_str(), previous.c_str()) != 0) {
+    // Not even on a file system without second names.
+    return systemError(previous, "cannot be written");
+  }
+  // On the disk before the old file's name is given away.
+  syncDirectory(directory);
+  if (Status published = file.publish(); !published) return published;
+  syncDirectory(directory);
+  return success();
+}
+
 Result<OutputDirectory> OutputDirectory::open(const fs::path& path) {
   OutputDirectory output(path);
   fs::path prefix;

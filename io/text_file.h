@@ -18,6 +18,12 @@ namespace waymark::io {
 // as it was, and no temporary file stays behind.
 [[nodiscard]] Status writeTextFile(const std::filesystem::path& path, std::string_view content);
 
+// The same, and the file that was there before stays under another name, `previous`, on the same
+// file system. At every instant, power cuts included, at least one of the two is a whole file.
+[[nodiscard]] Status writeTextFileKeeping(const std::filesystem::path& path,
+                                          std::string_view content,
+                                          const std::filesystem::path& previous);
+
 // The results of one run: collected in memory, then written together. A run that fails leaves
 // neither files nor a new empty directory.
 class OutputDirectory {

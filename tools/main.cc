@@ -8,6 +8,7 @@
 #include "io/number_text.h"
 #include "tools/calibrate_command.h"
 #include "tools/cameras_command.h"
+#include "tools/ctl_command.h"
 #include "tools/echo_command.h"
 #include "tools/eval_command.h"
 #include "tools/exit_code.h"
@@ -27,6 +28,7 @@ int main(int argc, char** argv) {
   addRecordCommand(app, &exit_code);
   addEvalCommand(app, &exit_code);
   addEchoCommand(app, &exit_code);
+  addCtlCommand(app, &exit_code);
   addSimulateCommand(app, &exit_code);
   addCamerasCommand(app, &exit_code);
   addMapCommand(app, &exit_code);

@@ -1,0 +1,108 @@
+#include "tools/ctl_command.h"
+
+#include <chrono>
+#include <cstdio>
+#include <filesystem>
+#include <memory>
+#include <string>
+
+#include <CLI/CLI.hpp>
+
+#include "io/json_node.h"
+#include "io/number_text.h"
+#include "tools/control_client.h"
+#include "tools/exit_code.h"
+
+namespace waymark::tools {
+namespace {
+
+using io::Json;
+
+struct CtlOptions {
+  std::string socket = "/run/waymark/control.sock";
+  double timeout_s = 60.0;  // a large map takes its time
+  std::string file;
+  std::string action;
+  std::string level;
+};
+
+std::string listed(const Json& keys) {
+  std::string text;
+  for (const Json& key : keys) text += (text.empty() ? "" : ", ") + key.get<std::string>();
+  return text.empty() ? "nothing" : text;
+}
+
+// What people want to know of a reply that is good.
+void print(const Json& request, Json reply) {
+  reply.erase("ok");
+  if (request["command"] == "status") {
+    std::printf("%s\n", reply.dump(2).c_str());
+  } else if (request["command"] == "reload") {
+    std::printf("applied: %s\nneeds a restart: %s\n", listed(reply["applied"]).c_str(),
+                listed(reply["needs_restart"]).c_str());
+  } else if (reply.contains("result")) {
+    std::printf("%s\n", reply["result"].get<std::string>().c_str());
+  }
+}
+
+ExitCode ask(const CtlOptions& options, const Json& request) {
+  const auto timeout = std::chrono::milliseconds(static_cast<int>(1000.0 * options.timeout_s));
+  const Result<Json> reply = askDaemon(options.socket, request, timeout);
+  if (!reply) {
+    std::fprintf(stderr, "waymark ctl: %s\n", reply.error().message.c_str());
+    return kBadInput;
+  }
+  if (!reply->at("ok").get<bool>()) {
+    const std::string reason = reply->value("error", "the daemon refuses, and does not say why");
+    std::fprintf(stderr, "waymark ctl: %s\n", io::oneLine(reason).c_str());
+    return kRefused;
+  }
+  print(request, *reply);
+  return kDone;
+}
+
+}  // namespace
+
+void addCtlCommand(CLI::App& app, int* exit_code) {
+  auto options = std::make_shared<CtlOptions>();
+  CLI::App* ctl = app.add_subcommand("ctl", "Ask a running daemon, or tell it what to do");
+  ctl->add_option("--socket", options->socket, "The daemon's control socket")
+      ->capture_default_str();
+  ctl->add_option("--timeout", options->timeout_s, "Seconds to wait for the daemon's answer")
+      ->check(CLI::Range(0.1, 86400.0))
+      ->capture_default_str();
+  ctl->require_subcommand(1);
+  const auto add = [&](const char* name, const char* what, auto arguments) {
+    CLI::App* command = ctl->add_subcommand(name, what);
+    command->fallthrough();  // --socket may also stand at the end
+    command->callback([=] {
+      Json request = {{"command", name}};
+      arguments(&request);
+      *exit_code = ask(*options, request);
+    });
+    return command;
+  };
+  const auto none = [](Json*) {};
+  add("status", "Print how the daemon is doing, as JSON", none);
+  add("save-map", "Optimise the map and write it to slam.map_out", none);
+  add("load-map", "Go on with another map", [options](Json* request) {
+    // The daemon has a working directory of its own.
+    if (!options->file.empty()) {
+      (*request)["file"] = std::filesystem::absolute(options->file).string();
+    }
+  })->add_option("FILE", options->file, "Map; left out: the one that the daemon starts with");
+  add("reset", "Forget the map and begin a new one", none);
+  add("record", "Start or stop the recording",
+      [options](Json* request) { (*request)["action"] = options->action; })
+      ->add_option("ACTION", options->action, "start or stop")
+      ->required()
+      ->check(CLI::IsMember({"start", "stop"}));
+  add("reload", "Read the configuration again, as on SIGHUP", none);
+  add("set-log-level", "Change what the daemon logs, until it is restarted or reloaded",
+      [options](Json* request) { (*request)["level"] = options->level; })
+      ->add_option("LEVEL", options->level, "error, warning, info or debug")
+      ->required()
+      ->check(CLI::IsMember({"error", "warning", "info", "debug"}));
+}
+
+}  // namespace waymark::tools
