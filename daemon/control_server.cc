@@ -27,7 +27,7 @@ constexpr const char* kTooLong = "the request is too long";
 constexpr const char* kNoNewline = "the request does not end with a newline";
 constexpr const char* kIdle = "idle for too long";
 constexpr const char* kGaveWay = "idle while others waited for a place";
-constexpr const char* kFull = "all places are taken by clients whose requests are being worked on";
+constexpr const char* kFull = "all places are taken by busy clients";
 
 // Our own texts, which need no escaping.
 std::string errorLine(const char* error) {
@@ -128,22 +128,34 @@ void ControlServer::serve(std::int64_t now_ns) {
 
 void ControlServer::acceptClients(std::int64_t now_ns) {
   for (std::size_t i = 0; i < options_.max_clients && has(listener_.get(), POLLIN); ++i) {
-    const Place place = findPlace(now_ns);
+    Place place = findPlace(now_ns);
+    if (place == Place::kFree) {
+      crowded_since_ns_.reset();
+    } else if (!crowded_since_ns_) {
+      crowded_since_ns_ = now_ns;
+    } else if (now_ns - *crowded_since_ns_ >= options_.patience_ns) {
+      place = Place::kNone;
+    }
     if (place == Place::kLater) return;
     UniqueFd socket(::accept4(listener_.get(), nullptr, nullptr, SOCK_CLOEXEC | SOCK_NONBLOCK));
     if (!socket) return;
-    if (place == Place::kNone) {
+    if (place == Place::kFree) {
+      admit(std::move(socket), now_ns);
+    } else {
       sendAtOnce(socket.get(), errorLine(kFull));
       counters_.refused_clients.fetch_add(1, std::memory_order_relaxed);
-      continue;
     }
-    epoll_event readable{};
-    readable.events = EPOLLIN;
-    ::epoll_ctl(events_.get(), EPOLL_CTL_ADD, socket.get(), &readable);
-    Client& client = clients_[next_id_++];
-    client.socket = std::move(socket);
-    client.active_ns = now_ns;
   }
+  if (!has(listener_.get(), POLLIN)) crowded_since_ns_.reset();
+}
+
+void ControlServer::admit(UniqueFd socket, std::int64_t now_ns) {
+  epoll_event readable{};
+  readable.events = EPOLLIN;
+  ::epoll_ctl(events_.get(), EPOLL_CTL_ADD, socket.get(), &readable);
+  Client& client = clients_[next_id_++];
+  client.socket = std::move(socket);
+  client.active_ns = now_ns;
 }
 
 // A place for a newcomer, where needed that of the client idle for longest.

@@ -28,10 +28,12 @@ class ControlServer {
     // A connection without a good request for so long is closed. Waiting for the daemon's answer
     // does not count.
     std::int64_t idle_ns = 10'000'000'000;
-    // When all places are taken, a newcomer gets that of the client idle for longest, if it has
-    // been for so long; else it waits until one is. Shorter serves more newcomers a second, longer
-    // leaves a slow client more time for its request.
-    std::int64_t grace_ns = 200'000'000;
+    // When all places are taken, a newcomer gets that of the client idle for longest, once that has
+    // been for so long. Shorter serves more newcomers a second, longer leaves a slow client more
+    // time for its request.
+    std::int64_t grace_ns = 100'000'000;
+    // Newcomers that wait for a place for so long, because all clients are busy, are refused.
+    std::int64_t patience_ns = 500'000'000;
   };
 
   using ClientId = std::uint64_t;  // never used again
@@ -80,7 +82,7 @@ class ControlServer {
   struct Counters {
     std::atomic<std::uint64_t> requests{0};
     std::atomic<std::uint64_t> bad_requests{0};
-    std::atomic<std::uint64_t> refused_clients{0};  // all places were taken, by clients that wait
+    std::atomic<std::uint64_t> refused_clients{0};  // all places were taken by busy ones
     std::atomic<std::uint64_t> dropped_clients{0};  // idle, or made place for another
   };
 
@@ -88,6 +90,7 @@ class ControlServer {
 
   void acceptClients(std::int64_t now_ns);
   enum class Place { kFree, kLater, kNone };
+  void admit(UniqueFd socket, std::int64_t now_ns);
   [[nodiscard]] Place findPlace(std::int64_t now_ns);
   void attendClients(std::int64_t now_ns);
   // False when the client is to be let go.
@@ -107,6 +110,7 @@ class ControlServer {
   const ino_t inode_;
   std::map<ClientId, Client> clients_;
   ClientId next_id_ = 0;
+  std::optional<std::int64_t> crowded_since_ns_;  // newcomers wait since then
   Counters counters_;
 };
 

@@ -249,8 +249,23 @@ TEST_F(ControlServerTest, WhenAllWaitForTheDaemonANewcomerIsRefused) {
   const TestClient newcomer(path_);
   serve();
   EXPECT_EQ(newcomer.received(),
-            "{\"ok\":false,\"error\":\"all places are taken by clients whose requests are being "
-            "worked on\"}\n<end>");
+            "{\"ok\":false,\"error\":\"all places are taken by busy clients\"}\n<end>");
+  EXPECT_EQ(counters()["control.refused_clients"], 1U);
+}
+
+TEST_F(ControlServerTest, WhenAllAreBusyForLongANewcomerIsRefused) {
+  open({.max_clients = 1});
+  const TestClient busy(path_);
+  const TestClient newcomer(path_);
+  for (int i = 0; i <= 10; ++i) {
+    EXPECT_EQ(newcomer.received(), "");
+    busy.send("good\n");
+    serve(1);
+    now_ns_ += 50'000'000;
+  }
+  serve(1);
+  EXPECT_TRUE(newcomer.received().ends_with("all places are taken by busy clients\"}\n<end>"));
+  EXPECT_FALSE(busy.received().ends_with("<end>"));
   EXPECT_EQ(counters()["control.refused_clients"], 1U);
 }
 

@@ -1,5 +1,6 @@
 #include "daemon/map_keeper.h"
 
+#include <algorithm>
 #include <filesystem>
 #include <functional>
 #include <random>
@@ -99,6 +100,80 @@ TEST_F(MapKeeper, WithoutAMapTheOldFileStays) {
     EXPECT_EQ(saved(slam), file_.string() + ": there is no map to save");
   });
   EXPECT_EQ(*io::readTextFile(file_), "old");
+}
+
+// After a power cut, wherever it cut the file off: the map before is used, and said so.
+TEST_F(MapKeeper, ADamagedFileGivesWayToTheOneBefore) {
+  settings_.map.in = settings_.map.out = file_;
+  run({}, [&](slam::Slam& slam) { (void)saved(slam); });
+  const std::string before = *io::readTextFile(file_);
+  run(readStartMap(settings_, camera_)->map, [&](slam::Slam& slam) { (void)saved(slam); });
+  const std::string text = *io::readTextFile(file_);
+  ASSERT_NE(text, before);
+  ASSERT_EQ(*io::readTextFile(previousOf(file_)), before);
+  EXPECT_TRUE(readStartMap(settings_, camera_)->warnings.empty());
+
+  const auto startsWithPrevious = [&](const std::string& what) {
+    const Result<StartMap> start = readStartMap(settings_, camera_);
+    ASSERT_TRUE(start) << what << ": " << start.error().message;
+    ASSERT_EQ(start->warnings.size(), 1U) << what;
+    EXPECT_TRUE(start->warnings[0].starts_with(file_.string() + ":")) << start->warnings[0];
+    EXPECT_TRUE(start->warnings[0].ends_with("; using the map before it")) << start->warnings[0];
+    EXPECT_EQ(start->warnings[0].find('\n'), std::string::npos);
+    EXPECT_EQ(io::formatMap(start->map, camera_), before) << what;
+  };
+  for (std::size_t size = 0; size + 2 < text.size(); size += 1 + text.size() / 100) {
+    ASSERT_TRUE(io::writeTextFile(file_, text.substr(0, size)));
+    startsWithPrevious("cut off after " + std::to_string(size) + " bytes");
+  }
+  std::string zeroed = text;
+  std::fill(zeroed.begin() + static_cast<std::ptrdiff_t>(zeroed.size() / 2), zeroed.end(), '\0');
+  ASSERT_TRUE(io::writeTextFile(file_, zeroed));
+  startsWithPrevious("zeros");
+  std::string changed = text;
+  changed[changed.find("0.") + 2] ^= 1;
+  ASSERT_TRUE(io::writeTextFile(file_, changed));
+  startsWithPrevious("one bit");
+  std::filesystem::remove(file_);
+  startsWithPrevious("missing");
+
+  // Saving on from there leaves the good one in its place, whatever stands before it.
+  ASSERT_TRUE(io::writeTextFile(file_, text.substr(0, 1000)));
+  run(readStartMap(settings_, camera_)->map, [&](slam::Slam& slam) {
+    EXPECT_TRUE(saved(slam).starts_with(file_.string() + ": saved 8 markers"));
+  });
+  EXPECT_EQ(*io::readTextFile(previousOf(file_)), before);
+  EXPECT_TRUE(io::readMap(file_));
+}
+
+TEST_F(MapKeeper, WithBothDamagedTheErrorIsThatOfTheFile) {
+  settings_.map.in = settings_.map.out = file_;
+  ASSERT_TRUE(io::writeTextFile(file_, "{"));
+  ASSERT_TRUE(io::writeTextFile(previousOf(file_), "["));
+  const Result<StartMap> start = readStartMap(settings_, camera_);
+  ASSERT_FALSE(start);
+  EXPECT_TRUE(start.error().message.starts_with(file_.string() + ":")) << start.error().message;
+}
+
+// A map that is whole but does not fit says that something else is wrong.
+TEST_F(MapKeeper, AWholeMapThatDoesNotFitIsNoDamage) {
+  settings_.map.in = settings_.map.out = file_;
+  run({}, [&](slam::Slam& slam) { (void)saved(slam); });
+  std::filesystem::copy(file_, previousOf(file_));
+  settings_.options.markers.size_m = 2 * kSize_m;
+  const Result<StartMap> start = readStartMap(settings_, camera_);
+  ASSERT_FALSE(start);
+  EXPECT_NE(start.error().message.find("has a side of"), std::string::npos);
+}
+
+TEST_F(MapKeeper, AMapThatIsAsItWasIsNotWrittenAgain) {
+  settings_.map.out = file_;
+  run({}, [&](slam::Slam& slam) {
+    (void)saved(slam);
+    EXPECT_TRUE(writeMap(settings_, slam.map(), camera_, slam.readout_s())->find("is as it was") !=
+                std::string::npos);
+  });
+  EXPECT_FALSE(std::filesystem::exists(previousOf(file_)));
 }
 
 TEST_F(MapKeeper, WhatCannotBeReadOrWritten) {

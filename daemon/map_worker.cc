@@ -121,12 +121,16 @@ Result<std::string> MapWorker::saveNow() {
   slam::Map map;
   double readout_s = 0.0;
   std::uint64_t revision = 0;
+  std::int64_t copying_ns = 0;
   const bool copied = errands_.run([&](const std::unique_ptr<slam::Slam>& slam) {
+    const std::int64_t begin_ns = monotonicNs();
     map = slam->map();
+    copying_ns = monotonicNs() - begin_ns;
     readout_s = slam->readout_s();
     revision = output_.map_revision.load(std::memory_order_relaxed);
   });
   if (!copied) return kStopping;
+  log_.debug("copying the map took the SLAM loop " + std::to_string(copying_ns / 1000) + " us");
   if (map.empty()) return Error{"there is no map to save"};
   const Result<std::string> saved = saveCopy(std::move(map), readout_s);
   noteSave(saved, revision);

@@ -43,7 +43,7 @@ void SlamLoop::run() {
 }
 
 // The counters of a SLAM that is replaced stay, so that those in health only grow; and subscribers
-// learn of the other map with the next frame.
+// learn of the other map at once.
 void SlamLoop::serveErrand() {
   const slam::Slam* const before = slam_.get();
   const slam::Counters counted = counters();
@@ -51,6 +51,7 @@ void SlamLoop::serveErrand() {
   if (slam_.get() == before) return;
   earlier_ = counted;
   countMapChange();
+  handOnMap(last_stamp_);
   next_map_ns_ = 0;
 }
 

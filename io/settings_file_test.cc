@@ -124,6 +124,22 @@ TEST(SettingsFile, AFreeSectionTakesAnyKey) {
             "s.toml:1:1: a.free: gain must be a number, true or false, or text");
 }
 
+TEST(SettingsFile, WhatHasChangedBetweenTwoTexts) {
+  const std::string text = "[a]\nname = 'x'\n[a.b]\ncount = 4 # four\nlist = [1, 2]\n";
+  const auto changed = [&](const std::string& other) {
+    return changedSettings(settingTexts(text), settingTexts(other));
+  };
+  using Keys = std::vector<std::string>;
+  EXPECT_EQ(changed("a.b = { list = [ 1,2 ], count = 4 }\na.name = \"x\"\n"), Keys{});
+  EXPECT_EQ(changed("[a]\nname = 'y'\n[a.b]\ncount = 4\nlist = [2, 1]\n"),
+            (Keys{"a.b.list", "a.name"}));
+  EXPECT_EQ(changed("[a]\nname = 'x'\nother = true\n[a.b]\nlist = [1, 2]\n"),
+            (Keys{"a.b.count", "a.other"}));
+  const std::string sections = "[[s]]\nid = 1\n[[s]]\nid = 2\n";
+  EXPECT_EQ(changedSettings(settingTexts(sections), settingTexts(sections)), Keys{});
+  EXPECT_EQ(changedSettings(settingTexts(sections), settingTexts("[[s]]\nid = 1\n")), Keys{"s"});
+}
+
 TEST(SettingsFile, PathsCountFromTheFile) {
   EXPECT_EQ(besideFile("/etc/w.toml", "calib.yml"), "/etc/calib.yml");
   EXPECT_EQ(besideFile("/etc/w.toml", "/home/calib.yml"), "/home/calib.yml");

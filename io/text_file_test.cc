@@ -37,6 +37,36 @@ TEST(TextFile, FailureNamesTheFileAndLeavesNothing) {
   EXPECT_FALSE(readTextFile(directory / "missing").ok());
 }
 
+TEST(TextFile, KeepsThePreviousOne) {
+  const TemporaryDirectory directory;
+  const fs::path file = directory / "a.txt";
+  const fs::path previous = directory / "a.txt.previous";
+  ASSERT_TRUE(writeTextFileKeeping(file, "one", previous));
+  EXPECT_EQ(entries(directory.path()), 1U);
+  ASSERT_TRUE(writeTextFileKeeping(file, "two", previous));
+  EXPECT_EQ(readTextFile(file).value(), "two");
+  EXPECT_EQ(readTextFile(previous).value(), "one");
+  // A link that a power cut left behind is in nobody's way.
+  fs::create_hard_link(file, previous.string() + ".tmp");
+  ASSERT_TRUE(writeTextFileKeeping(file, "three", previous));
+  EXPECT_EQ(readTextFile(file).value(), "three");
+  EXPECT_EQ(readTextFile(previous).value(), "two");
+  EXPECT_EQ(entries(directory.path()), 2U);
+}
+
+TEST(TextFile, WhenKeepingFailsBothStayAsTheyWere) {
+  const TemporaryDirectory directory;
+  const fs::path file = directory / "a.txt";
+  ASSERT_TRUE(writeTextFile(file, "one"));
+  fs::create_directory(directory / "previous");
+  fs::create_directory(directory / "previous" / "taken");
+  const Status status = writeTextFileKeeping(file, "two", directory / "previous");
+  ASSERT_FALSE(status);
+  EXPECT_NE(status.error().message.find("previous: cannot be written: "), std::string::npos);
+  EXPECT_EQ(readTextFile(file).value(), "one");
+  EXPECT_EQ(entries(directory.path()), 2U);
+}
+
 TEST(OutputDirectory, WritesAllOnCommit) {
   const TemporaryDirectory directory;
   {

@@ -6,8 +6,10 @@
 #include <cstdint>
 #include <cstring>
 
+#include <fcntl.h>
 #include <poll.h>
 #include <sys/socket.h>
+#include <sys/time.h>
 #include <sys/un.h>
 
 #include "base/clock.h"
@@ -25,25 +27,26 @@ class Connection {
   Connection(const fs::path& path, std::chrono::milliseconds timeout)
       : path_(path),
         until_ns_(monotonicNs() + std::chrono::nanoseconds(timeout).count()),
-        socket_(::socket(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC | SOCK_NONBLOCK, 0)) {}
+        socket_(::socket(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0)) {}
 
   Status open() {
     sockaddr_un address{};
     address.sun_family = AF_UNIX;
     if (path_.native().size() >= sizeof address.sun_path) return error("is too long a name");
     std::memcpy(address.sun_path, path_.c_str(), path_.native().size());
-    for (;;) {
-      if (::connect(socket_.get(), reinterpret_cast<const sockaddr*>(&address), sizeof address) ==
-          0) {
-        return success();
-      }
+    // Waiting for a place in the daemon's queue is the only thing that needs a socket that blocks:
+    // those that wait so come in turn.
+    const std::int64_t left_us = (until_ns_ - monotonicNs()) / 1000;
+    const timeval patience{left_us / 1'000'000, left_us % 1'000'000};
+    ::setsockopt(socket_.get(), SOL_SOCKET, SO_SNDTIMEO, &patience, sizeof patience);
+    if (::connect(socket_.get(), reinterpret_cast<const sockaddr*>(&address), sizeof address) !=
+        0) {
       if (errno == ENOENT || errno == ECONNREFUSED) return error("no daemon listens there");
-      if (errno != EAGAIN && errno != EINTR) return error(systemReason());
-      // The daemon has more newcomers than it lets wait. There is nothing to wait for but time.
-      constexpr int kPause_ms = 20;
-      if (monotonicNs() >= until_ns_) return error("the daemon has no place for us");
-      ::poll(nullptr, 0, kPause_ms);
+      if (errno == EAGAIN) return error("the daemon has no place for us");
+      return error(systemReason());
     }
+    ::fcntl(socket_.get(), F_SETFL, O_NONBLOCK);
+    return success();
   }
 
   Status send(std::string text) {
