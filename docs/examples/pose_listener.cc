@@ -1,8 +1,7 @@
 // Prints every pose that waymarkd publishes, and what a robot should look at before it trusts one.
-// Needs liblcm-dev and the generated types (lcm-gen -x on the .lcm files), nothing of Waymark's code:
+// Needs the package libwaymark-dev, or the .lcm files and lcm-gen, and nothing of Waymark's code:
 //
-//   lcm-gen -x /usr/share/waymark/lcmtypes/waymark/*.lcm
-//   g++ -I. pose_listener.cc -llcm -o pose_listener
+//   g++ pose_listener.cc $(pkg-config --cflags --libs waymark-lcmtypes) -o pose_listener
 //   ./pose_listener [URL] [CHANNEL]
 #include <algorithm>
 #include <cmath>
