@@ -1,7 +1,5 @@
 // Steady tracking takes no memory from the heap: neither detection nor SLAM, with a counting
 // operator new.
-#include <cstdlib>
-#include <new>
 #include <random>
 #include <vector>
 
@@ -9,36 +7,15 @@
 
 #include "slam/detection/marker_follower.h"
 #include "slam/slam.h"
+#include "slam/testing/counting_new.h"
 #include "slam/testing/drawn_marker.h"
 #include "slam/testing/scene.h"
-
-namespace {
-
-thread_local int allocations = 0;
-
-void* allocate(std::size_t size, std::size_t alignment) {
-  ++allocations;
-  void* const memory =
-      std::aligned_alloc(alignment, (size + alignment - 1) / alignment * alignment);
-  if (memory == nullptr) throw std::bad_alloc();
-  return memory;
-}
-
-}  // namespace
-
-void* operator new(std::size_t size) { return allocate(size, alignof(std::max_align_t)); }
-void* operator new(std::size_t size, std::align_val_t alignment) {
-  return allocate(size, static_cast<std::size_t>(alignment));
-}
-void operator delete(void* memory) noexcept { std::free(memory); }
-void operator delete(void* memory, std::size_t) noexcept { std::free(memory); }
-void operator delete(void* memory, std::align_val_t) noexcept { std::free(memory); }
-void operator delete(void* memory, std::size_t, std::align_val_t) noexcept { std::free(memory); }
 
 namespace waymark::slam {
 namespace {
 
 using testing::kFramePeriodNs;
+using waymark::testing::allocations;
 
 constexpr double kSize = 0.12;
 

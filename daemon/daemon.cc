@@ -1,0 +1,172 @@
+#include "daemon/daemon.h"
+
+#include <algorithm>
+#include <cstddef>
+#include <cstdlib>
+#include <functional>
+#include <string>
+#include <utility>
+
+#include "base/clock.h"
+#include "capture/open_source.h"
+#include "daemon/realtime.h"
+#include "slam/slam.h"
+
+namespace waymark::daemon {
+namespace {
+
+// A camera whose frames are its driver's buffers needs some of them itself: one to fill and one to
+// follow, while the SLAM loop works on a third.
+std::size_t queueDepth(const Configuration& configuration) {
+  constexpr int kOfTheCamera = 2;
+  int depth = configuration.queue.depth;
+  if (capture::isCamera(configuration.camera.source)) {
+    depth = std::min(depth, configuration.camera.device.buffers - kOfTheCamera);
+  }
+  return static_cast<std::size_t>(std::max(depth, 1));
+}
+
+std::unique_ptr<slam::Slam> makeSlam(DaemonParts& parts) {
+  return std::make_unique<slam::Slam>(
+      slam::CameraModel(parts.camera.calibration),
+      *slam::Dictionary::byName(parts.configuration.slam.dictionary), parts.start.options,
+      std::move(parts.start.map));
+}
+
+}  // namespace
+
+Daemon::Daemon(DaemonParts parts, Log& log)
+    : parts_(std::move(parts)),
+      log_(log),
+      frames_(queueDepth(parts_.configuration)),
+      errands_(frames_),
+      capture_loop_(parts_.camera.opener, frames_, camera_status_, log_),
+      slam_loop_(makeSlam(parts_), frames_, camera_status_, errands_, output_),
+      publisher_(parts_.configuration.publish, parts_.configuration.body,
+                 parts_.configuration.slam.dictionary, output_, camera_status_, frames_, health_,
+                 log_),
+      housekeeper_(frames_, output_, health_, service_, log_,
+                   {.watchdog_ns = ServiceManager::watchdogNs()}),
+      maps_(parts_.configuration.slam, parts_.camera.calibration, errands_, output_, log_),
+      controller_({.log = log_,
+                   .publisher = publisher_,
+                   .maps = maps_,
+                   .slam = output_,
+                   .service = service_,
+                   .recorder = parts_.recorder.get()},
+                  parts_.configuration, parts_.configuration_file) {
+  wireHousekeeping();
+  wireRecorder();
+  wireCounters();
+}
+
+void Daemon::wireHousekeeping() {
+  housekeeper_.setTap([this](const health_t& message) { controller_.setHealth(message); });
+  housekeeper_.watch(reload_signal_.fd(), [this] {
+    if (reload_signal_.take()) controller_.reloadBySignal();
+  });
+  if (ControlServer* const control = parts_.control.get()) {
+    control->setHandler(
+        [this](auto client, const auto& line) { return controller_.handle(client, line); });
+    housekeeper_.watch(control->fd(), [control] { control->serve(monotonicNs()); });
+    housekeeper_.watch(controller_.answersFd(),
+                       [this, control] { controller_.deliverAnswers(*control); });
+  }
+}
+
+void Daemon::wireRecorder() {
+  Recorder* const recorder = parts_.recorder.get();
+  if (recorder == nullptr) return;
+  capture_loop_.setTap([recorder](const capture::Frame& frame) { recorder->addFrame(frame); });
+  publisher_.setTap([recorder](auto... message) { recorder->addMessage(message...); });
+}
+
+void Daemon::wireCounters() {
+  const auto add = [this](const auto* part) {
+    if (part == nullptr) return;
+    publisher_.addCounters([part](const CounterSink& sink) { part->tellCounters(sink); });
+  };
+  add(&maps_);
+  add(&controller_);
+  add(parts_.control.get());
+  add(parts_.recorder.get());
+  publisher_.addCounters([this](const CounterSink& sink) {
+    sink("realtime.refused", refusals_.load(std::memory_order_relaxed));
+  });
+}
+
+std::optional<Daemon::Failure> Daemon::run() {
+  for (const std::string& warning : parts_.start.warnings) log_.warning(warning);
+  for (const std::string& note : parts_.start.notes) log_.info(note);
+  startThreads();
+  service_.ready();
+  stop_.wait();
+  service_.stopping();
+  // Opening a source cannot be interrupted, and nothing has begun that would need an end.
+  if (camera_status_.firstOpening()) std::_Exit(EXIT_SUCCESS);
+  return stopThreads();
+}
+
+std::thread Daemon::start(const char* name, const ThreadOptions& options,
+                          std::function<void()> run) {
+  const auto refused = [this](const Error& error) {
+    log_.warning(error.message);
+    refusals_.fetch_add(1, std::memory_order_relaxed);
+  };
+  return startThread(name, options, refused, std::move(run));
+}
+
+void Daemon::startThreads() {
+  const Configuration::RealTime& realtime = parts_.configuration.realtime;
+  if (realtime.lock_memory) {
+    if (const Status locked = lockMemory(); !locked) {
+      log_.warning(locked.error().message);
+      refusals_.fetch_add(1, std::memory_order_relaxed);
+    }
+  }
+  publisher_thread_ = start("wm-publisher", realtime.publisher, [this] {
+    publisher_.run();
+    stop_.finish();
+  });
+  slam_thread_ = start("wm-slam", realtime.slam, [this] { slam_loop_.run(); });
+  capture_thread_ = start("wm-capture", realtime.capture, [this] { capture_loop_.run(); });
+  if (parts_.recorder) {
+    recorder_thread_ = start("wm-recorder", realtime.recorder, [this] { parts_.recorder->run(); });
+  }
+  map_thread_ = start("wm-maps", {}, [this] {
+    giveWay();
+    maps_.run();
+  });
+  housekeeping_thread_ = start("wm-housekeeping", {}, [this] { housekeeper_.run(); });
+}
+
+std::optional<Daemon::Failure> Daemon::stopThreads() {
+  capture_loop_.requestStop();
+  capture_thread_.join();
+  slam_thread_.join();
+  publisher_thread_.join();
+  if (parts_.recorder) {
+    parts_.recorder->requestStop();
+    recorder_thread_.join();
+  }
+  maps_.requestStop();
+  map_thread_.join();
+  // Meanwhile housekeeping goes on: an optimisation of everything may take longer than the watchdog
+  // waits.
+  const Result<std::string> saved = maps_.saveAtEnd(slam_loop_.slam());
+  housekeeper_.requestStop();
+  housekeeping_thread_.join();
+
+  if (saved && !saved->empty()) log_.info(*saved);
+  if (const auto failure = capture_loop_.failure()) {
+    if (!saved) log_.error(saved.error().message);
+    return Failure{*failure, /*input_is_bad=*/true};
+  }
+  const slam::Counters counters = slam_loop_.counters();
+  log_.info("stopped after " + std::to_string(counters.frames) + " frames, " +
+            std::to_string(counters.localized) + " of them localised");
+  if (!saved) return Failure{saved.error()};
+  return std::nullopt;
+}
+
+}  // namespace waymark::daemon

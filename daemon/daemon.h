@@ -1,0 +1,104 @@
+// The parts of waymarkd, and the wiring between them:
+//
+//   capture thread --> [newest wins] --> SLAM thread --> [records, map] --> publisher thread
+//        |                                  ^    ^                             |    |    |
+//        |                             nudges   [errands]             [health] v    v    |
+//        |                                  |    '--- map thread               |   LCM   |
+//        |                                  '-------- housekeeping thread <----'         |
+//        |                                              ^      ^                         |
+//        |                              control socket -'      '- SIGHUP                 |
+//        '--- [frames] ------------> recorder thread <------------- [messages] ----------'
+//
+// The main thread only waits. A stop travels the same way as a frame: capture closes its queue, the
+// SLAM loop empties it, the publisher sends what is left, the recorder writes it down, the map is
+// saved, and housekeeping tells what came of it.
+#pragma once
+
+#include <atomic>
+#include <cstdint>
+#include <filesystem>
+#include <memory>
+#include <thread>
+
+#include "base/result.h"
+#include "daemon/camera_setup.h"
+#include "daemon/camera_status.h"
+#include "daemon/capture_loop.h"
+#include "daemon/configuration.h"
+#include "daemon/control_server.h"
+#include "daemon/controller.h"
+#include "daemon/housekeeper.h"
+#include "daemon/log.h"
+#include "daemon/map_keeper.h"
+#include "daemon/map_worker.h"
+#include "daemon/publisher.h"
+#include "daemon/recorder.h"
+#include "daemon/reload_signal.h"
+#include "daemon/service_manager.h"
+#include "daemon/slam_errands.h"
+#include "daemon/slam_loop.h"
+#include "daemon/stop_signal.h"
+#include "daemon/triple_buffer.h"
+
+namespace waymark::daemon {
+
+// What is checked before anything starts. Whatever is wrong with it is an error here.
+struct DaemonParts {
+  std::filesystem::path configuration_file;
+  Configuration configuration;
+  CameraSetup camera;
+  StartMap start;
+  std::unique_ptr<Recorder> recorder;      // null: nothing is recorded
+  std::unique_ptr<ControlServer> control;  // null: there is no control socket
+};
+
+class Daemon {
+ public:
+  Daemon(DaemonParts parts, Log& log);
+
+  // Runs until a signal, or the end of a recording. The error says why the recording could not be
+  // read to its end, or the map not be saved.
+  struct Failure {
+    Error error;
+    bool input_is_bad = false;  // else it is the daemon that failed
+  };
+  [[nodiscard]] std::optional<Failure> run();
+
+ private:
+  void wireHousekeeping();
+  void wireRecorder();
+  void wireCounters();
+  void startThreads();
+  [[nodiscard]] std::optional<Failure> stopThreads();
+  [[nodiscard]] std::thread start(const char* name, const ThreadOptions& options,
+                                  std::function<void()> run);
+
+  DaemonParts parts_;
+  Log& log_;
+  StopSignal stop_;             // before threads start: they inherit what it blocks
+  ReloadSignal reload_signal_;  // likewise
+
+  CameraStatus camera_status_;
+  FrameQueue frames_;
+  SlamErrands errands_;
+  SlamOutput output_;
+  TripleBuffer<health_t> health_;
+  const ServiceManager service_{};
+  std::atomic<std::uint64_t> refusals_{0};  // of what [realtime] asks for
+
+  CaptureLoop capture_loop_;
+  SlamLoop slam_loop_;
+  Publisher publisher_;
+  Housekeeper housekeeper_;
+  MapWorker maps_;
+  Controller controller_;
+
+  std::thread capture_thread_;
+  std::thread slam_thread_;
+  std::thread publisher_thread_;
+  std::thread recorder_thread_;
+  std::thread map_thread_;
+  std::thread housekeeping_thread_;
+};
+
+}  // namespace waymark::daemon
