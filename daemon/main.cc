@@ -98,11 +98,10 @@ Result<std::unique_ptr<ControlServer>> openControl(const Configuration& configur
 
 // recorder, control: may be null.
 int runDaemon(const Configuration& configuration, const fs::path& configuration_file,
-              const CameraSetup& camera, StartMap start, Recorder* recorder, ControlServer* control,
-              Log& log) {
-  StopSignal stop;             // first: threads inherit what it blocks
-  ReloadSignal reload_signal;  // likewise
-  cv::setNumThreads(1);        // the SLAM loop is one thread, and it does not wait for others
+              const ReloadSignal& reload_signal, const CameraSetup& camera, StartMap start,
+              Recorder* recorder, ControlServer* control, Log& log) {
+  StopSignal stop;       // first: threads inherit what it blocks
+  cv::setNumThreads(1);  // the SLAM loop is one thread, and it does not wait for others
   CameraStatus camera_status;
   FrameQueue frames(queueDepth(configuration));
   SlamErrands errands(frames);
@@ -210,6 +209,7 @@ int runDaemon(const Configuration& configuration, const fs::path& configuration_
 }
 
 int run(const std::string& configuration_file, bool check_only) {
+  const ReloadSignal reload_signal;  // from the beginning: it must not end a daemon that starts
   const bool for_journal = Log::journalListens();
   const Result<Configuration> configuration = readConfiguration(configuration_file);
   if (!configuration) {
@@ -242,8 +242,8 @@ int run(const std::string& configuration_file, bool check_only) {
     log.error(control.error().message);
     return kBadInput;
   }
-  return runDaemon(*configuration, configuration_file, *camera, std::move(start).value(),
-                   recorder->get(), control->get(), log);
+  return runDaemon(*configuration, configuration_file, reload_signal, *camera,
+                   std::move(start).value(), recorder->get(), control->get(), log);
 }
 
 }  // namespace
