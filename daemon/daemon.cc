@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <cstddef>
 #include <cstdlib>
-#include <functional>
 #include <string>
 #include <utility>
 
@@ -35,9 +34,10 @@ std::unique_ptr<slam::Slam> makeSlam(DaemonParts& parts) {
 
 }  // namespace
 
-Daemon::Daemon(DaemonParts parts, Log& log)
+Daemon::Daemon(DaemonParts parts, const ReloadSignal& reload_signal, Log& log)
     : parts_(std::move(parts)),
       log_(log),
+      reload_signal_(reload_signal),
       frames_(queueDepth(parts_.configuration)),
       errands_(frames_),
       capture_loop_(parts_.camera.opener, frames_, camera_status_, log_),

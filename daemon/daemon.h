@@ -17,7 +17,9 @@
 #include <atomic>
 #include <cstdint>
 #include <filesystem>
+#include <functional>
 #include <memory>
+#include <optional>
 #include <thread>
 
 #include "base/result.h"
@@ -54,7 +56,8 @@ struct DaemonParts {
 
 class Daemon {
  public:
-  Daemon(DaemonParts parts, Log& log);
+  // Before it, `reload_signal` has blocked SIGHUP.
+  Daemon(DaemonParts parts, const ReloadSignal& reload_signal, Log& log);
 
   // Runs until a signal, or the end of a recording. The error says why the recording could not be
   // read to its end, or the map not be saved.
@@ -75,8 +78,8 @@ class Daemon {
 
   DaemonParts parts_;
   Log& log_;
-  StopSignal stop_;             // before threads start: they inherit what it blocks
-  ReloadSignal reload_signal_;  // likewise
+  const ReloadSignal& reload_signal_;
+  StopSignal stop_;  // before threads start: they inherit what it blocks
 
   CameraStatus camera_status_;
   FrameQueue frames_;

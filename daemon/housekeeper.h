@@ -35,7 +35,8 @@ class Housekeeper {
   Housekeeper(FrameQueue& frames, const SlamOutput& slam, TripleBuffer<health_t>& health,
               const ServiceManager& service, const Log& log, const Options& options);
 
-  // Calls serve() when the file is readable, and at every tick. It must not wait for anything.
+  // Calls serve() when this or another file is readable, and at every tick. It must not wait for
+  // anything.
   // Before run().
   void watch(int fd, std::function<void()> serve);
   // Health messages go there as well. Before run().

@@ -28,6 +28,10 @@ SlamLoop::SlamLoop(std::unique_ptr<slam::Slam> slam, FrameQueue& frames, const C
       output_(output),
       options_(options) {
   output_.alive_ns.store(monotonicNs(), std::memory_order_relaxed);
+  const auto& markers = slam_->map().markers();
+  const auto posed = std::ranges::count_if(
+      markers, [](const auto& id_and_marker) { return id_and_marker.second.T_w_m.has_value(); });
+  tellMapSize(static_cast<std::size_t>(posed));
 }
 
 void SlamLoop::run() {
@@ -115,10 +119,15 @@ void SlamLoop::handOnMap(const capture::FrameStamp& stamp) {
   for (const auto& [id, marker] : map.markers()) {
     if (marker.T_w_m) snapshot.markers.push_back({id, marker.size_m, *marker.T_w_m});
   }
-  output_.map_markers.store(static_cast<int>(snapshot.markers.size()), std::memory_order_relaxed);
-  output_.map_keyframes.store(snapshot.keyframe_count, std::memory_order_relaxed);
+  tellMapSize(snapshot.markers.size());
   output_.map.publish();
   map_changed_ = false;
+}
+
+void SlamLoop::tellMapSize(std::size_t posed_markers) {
+  output_.map_markers.store(static_cast<int>(posed_markers), std::memory_order_relaxed);
+  output_.map_keyframes.store(static_cast<int>(slam_->map().keyframes().size()),
+                              std::memory_order_relaxed);
 }
 
 }  // namespace waymark::daemon

@@ -67,6 +67,7 @@ class SlamLoop {
   void record(const capture::FrameStamp& stamp, const slam::FrameResult& result,
               std::int64_t processing_ns);
   void countMapChange();
+  void tellMapSize(std::size_t posed_markers);
   [[nodiscard]] bool tookTooLong(std::int64_t processing_ns) const;
   void handOnMapWhenDue(const capture::FrameStamp& stamp);
   void handOnMap(const capture::FrameStamp& stamp);

@@ -40,7 +40,8 @@ class Loop {
     FrameRecord record;
     for (int i = 0; i < frames; ++i) {
       capture::ReadResult read = camera_.read(std::chrono::seconds(2));
-      if (auto* const frame = std::get_if<capture::FramePtr>(&read)) frames_.push(std::move(*frame));
+      if (auto* const frame = std::get_if<capture::FramePtr>(&read))
+        frames_.push(std::move(*frame));
       while (output_.records.try_dequeue(record)) localised += record.pose ? 1 : 0;
     }
     return localised;
