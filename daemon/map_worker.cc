@@ -132,7 +132,7 @@ Result<std::string> MapWorker::saveNow() {
   if (!copied) return kStopping;
   log_.debug("copying the map took the SLAM loop " + std::to_string(copying_ns / 1000) + " us");
   if (map.empty()) return Error{"there is no map to save"};
-  const Result<std::string> saved = saveCopy(std::move(map), readout_s);
+  Result<std::string> saved = saveCopy(std::move(map), readout_s);
   noteSave(saved, revision);
   return saved;
 }
@@ -200,7 +200,7 @@ bool MapWorker::changed() const {
 Result<std::string> MapWorker::saveAtEnd(slam::Slam& slam) {
   const std::uint64_t revision = output_.map_revision.load(std::memory_order_relaxed);
   if (settings_.map.out.empty() || (saved_ns_ != 0 && !changed())) return std::string();
-  const Result<std::string> saved = saveMap(settings_, slam);
+  Result<std::string> saved = saveMap(settings_, slam);
   noteSave(saved, revision);
   return saved;
 }
