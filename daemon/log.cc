@@ -10,16 +10,17 @@
 namespace waymark::daemon {
 namespace {
 
-std::string_view prefix(LogLevel level, bool for_journal) {
+// After the program's name.
+std::string_view urgency(LogLevel level) {
   switch (level) {
     case LogLevel::kError:
-      return for_journal ? "<3>" : "waymarkd: error: ";
+      return "error: ";
     case LogLevel::kWarning:
-      return for_journal ? "<4>" : "waymarkd: warning: ";
+      return "warning: ";
     case LogLevel::kInfo:
-      return for_journal ? "<6>" : "waymarkd: ";
+      return "";
     case LogLevel::kDebug:
-      return for_journal ? "<7>" : "waymarkd: debug: ";
+      return "debug: ";
   }
   return "";
 }
@@ -50,7 +51,8 @@ bool Log::journalListens() {
 
 void Log::write(LogLevel level, std::string_view text) const {
   if (level > this->level()) return;
-  std::string line(prefix(level, for_journal_));
+  std::string line = for_journal_ ? "<" + std::to_string(static_cast<int>(level)) + ">"
+                                  : program_ + ": " + std::string(urgency(level));
   line += text;
   line += '\n';
   // A failed write has nobody to be told.

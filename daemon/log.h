@@ -5,6 +5,7 @@
 #include <array>
 #include <atomic>
 #include <optional>
+#include <string>
 #include <string_view>
 #include <utility>
 
@@ -26,8 +27,10 @@ inline constexpr std::array<std::pair<std::string_view, LogLevel>, 4> kLogLevelN
 // Safe to use from several threads: each line is one write.
 class Log {
  public:
-  // Lines less urgent than `level` are left out. `for_journal`: begin each line with <N>.
-  Log(LogLevel level, bool for_journal) : level_(level), for_journal_(for_journal) {}
+  // Lines less urgent than `level` are left out. `for_journal`: begin each line with <N>, otherwise
+  // with the program's name.
+  Log(LogLevel level, bool for_journal, std::string program = "waymarkd")
+      : level_(level), for_journal_(for_journal), program_(std::move(program)) {}
 
   // Any thread; holds from the next line on.
   void setLevel(LogLevel level) { level_.store(level, std::memory_order_relaxed); }
@@ -46,6 +49,7 @@ class Log {
 
   std::atomic<LogLevel> level_;
   const bool for_journal_;
+  const std::string program_;
 };
 
 }  // namespace waymark::daemon

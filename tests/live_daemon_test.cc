@@ -6,6 +6,7 @@
 #include <fstream>
 #include <map>
 #include <string>
+#include <thread>
 #include <vector>
 
 #include <gtest/gtest.h>
@@ -83,6 +84,8 @@ class LiveDaemonTest : public ::testing::Test {
     };
     EXPECT_TRUE(subscriber.waitFor(complete, milliseconds(10'000)));
     received_ = subscriber.received();
+    // Echo is interrupted at once, and may not have come to the last messages yet.
+    std::this_thread::sleep_for(milliseconds(500));
     echo.signal(SIGINT);
     EXPECT_EQ(echo.wait(milliseconds(60'000)), 0) << echo.stderrText();
     EXPECT_EQ(received_.undecodable, 0);

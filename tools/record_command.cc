@@ -143,7 +143,7 @@ Result<ExitCode> record(const RecordArguments& arguments) {
 
   daemon::StopSignal stop;
   const daemon::Log log(arguments.quiet ? daemon::LogLevel::kError : daemon::LogLevel::kInfo,
-                        /*for_journal=*/false);
+                        /*for_journal=*/false, "waymark");
   daemon::FrameQueue frames(1);
   daemon::CameraStatus status;
   daemon::Recorder recorder(recorderOptions(arguments), *files, log);
