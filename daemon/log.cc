@@ -51,8 +51,12 @@ bool Log::journalListens() {
 
 void Log::write(LogLevel level, std::string_view text) const {
   if (level > this->level()) return;
-  std::string line = for_journal_ ? "<" + std::to_string(static_cast<int>(level)) + ">"
-                                  : program_ + ": " + std::string(urgency(level));
+  std::string line;
+  if (for_journal_) {
+    line.append("<").append(std::to_string(static_cast<int>(level))).append(">");
+  } else {
+    line.append(program_).append(": ").append(urgency(level));
+  }
   line += text;
   line += '\n';
   // A failed write has nobody to be told.
