@@ -5,7 +5,6 @@
 #include <cstdint>
 #include <cstdio>
 #include <cstdlib>
-#include <limits>
 #include <optional>
 #include <string>
 #include <string_view>
@@ -13,6 +12,9 @@
 namespace waymark {
 
 inline constexpr std::int64_t kNanosecondsPerSecond = 1'000'000'000;
+// No time from a file is farther from 0: 146 years from 1970, or from the start of a computer. Sums
+// and differences of two still are numbers.
+inline constexpr std::int64_t kFarthest_ns = (std::int64_t{1} << 62U) - 1;
 
 // "12.000000345", always nine decimals.
 [[nodiscard]] inline std::string formatSeconds(std::int64_t time_ns) {
@@ -28,7 +30,7 @@ inline constexpr std::int64_t kNanosecondsPerSecond = 1'000'000'000;
 }
 
 // Accepts "1560889276.31902", "-3", ".5", "1.56088927631902e+09"; rounds what is finer than a
-// nanosecond. Empty for anything else, and for times that do not fit (292 years).
+// nanosecond. Empty for anything else, and beyond kFarthest_ns.
 [[nodiscard]] inline std::optional<std::int64_t> parseSeconds(std::string_view text) {
   bool negative = false;
   if (!text.empty() && (text.front() == '-' || text.front() == '+')) {
@@ -63,7 +65,7 @@ inline constexpr std::int64_t kNanosecondsPerSecond = 1'000'000'000;
   for (long i = 0; i < whole; ++i) {
     const int digit =
         i < static_cast<long>(digits.size()) ? digits[static_cast<std::size_t>(i)] - '0' : 0;
-    if (time_ns > (std::numeric_limits<std::int64_t>::max() - digit - 1) / 10) return std::nullopt;
+    if (time_ns > (kFarthest_ns - digit - 1) / 10) return std::nullopt;
     time_ns = time_ns * 10 + digit;
   }
   const bool round_up = whole >= 0 && whole < static_cast<long>(digits.size()) &&

@@ -153,6 +153,18 @@ TEST_F(LogSourceTest, WhatCannotBeDecodedIsSkippedAndTold) {
   EXPECT_EQ(source->damage(), file_.string() + ": 3 images cannot be decoded");
 }
 
+// No memory for pixels that cannot be there.
+TEST_F(LogSourceTest, AJpegTooShortForItsSizeIsNone) {
+  bot_core::image_t huge = image(0);
+  huge.pixelformat = bot_core::image_t::PIXEL_FORMAT_MJPEG;
+  huge.width = huge.height = 16384;
+  add(huge);
+  add(image(1));
+  const auto source = open();
+  ASSERT_TRUE(source);
+  EXPECT_EQ(source->info().width, kWidth);
+}
+
 TEST_F(LogSourceTest, ARateInsteadOfTheTimes) {
   for (int i = 0; i < 2; ++i) add(image(i));
   const auto source = open(10.0);

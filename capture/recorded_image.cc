@@ -7,6 +7,7 @@
 #include <string>
 #include <string_view>
 
+#include "base/decimal_seconds.h"
 #include "capture/wire_reader.h"
 
 namespace waymark::capture {
@@ -15,8 +16,9 @@ namespace {
 using bot_core::image_t;
 
 constexpr int kLargestSide = 16384;  // pixels
-// From 1970 or the start of the computer: 146 years. Differences of times still are numbers.
-constexpr std::int64_t kFarthest_ns = std::int64_t{1} << 62U;
+// A block of 64 pixels takes a bit at least, and so nobody is given memory for pixels that cannot
+// be there.
+constexpr std::int64_t kMostPixelsPerJpegByte = 512;
 constexpr std::string_view kMonotonic = "monotonic_ns";
 constexpr std::string_view kSequence = "sequence";
 constexpr std::string_view kExposure = "exposure_ns";
@@ -55,7 +57,12 @@ Status check(const image_t& message) {
       beyond(value(message, kMonotonic).value_or(0), kFarthest_ns)) {
     return Error{"impossible time"};
   }
-  if (message.pixelformat == image_t::PIXEL_FORMAT_MJPEG) return success();
+  const std::int64_t pixels = std::int64_t{message.width} * message.height;
+  if (message.pixelformat == image_t::PIXEL_FORMAT_MJPEG) {
+    if (message.size >= pixels / kMostPixelsPerJpegByte) return success();
+    return Error{"has " + std::to_string(message.size) + " bytes for a JPEG picture of " +
+                 sizeText(message.width, message.height)};
+  }
   if (message.pixelformat != image_t::PIXEL_FORMAT_GRAY) {
     return Error{"pixel format " + std::to_string(message.pixelformat) +
                  " is neither GREY nor MJPG"};

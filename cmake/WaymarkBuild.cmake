@@ -31,6 +31,11 @@ if(WAYMARK_SANITIZE)
     -fsanitize=${WAYMARK_SANITIZE} -fno-sanitize-recover=all -fno-omit-frame-pointer -O1 -g1)
   target_link_options(waymark_flags INTERFACE -fsanitize=${WAYMARK_SANITIZE})
 endif()
+if(WAYMARK_FUZZ)
+  # The fuzzer is told which branches an input took. Some warnings are known to GCC only.
+  target_compile_options(waymark_flags INTERFACE
+    -fsanitize=fuzzer-no-link -Wno-unknown-warning-option)
+endif()
 
 # waymark_library(NAME SOURCES... [LINK libs...])
 function(waymark_library name)

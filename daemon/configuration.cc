@@ -10,6 +10,7 @@
 #include "capture/open_source.h"
 #include "daemon/lcm_link.h"
 #include "io/marker_ids.h"
+#include "io/number_text.h"
 #include "io/pose_settings.h"
 #include "io/settings_file.h"
 #include "io/text_file.h"
@@ -121,7 +122,7 @@ Status checkTogether(const Configuration& c, const fs::path& file) {
     return Error{file.string() +
                  ": camera: format, width, height, buffers, exposure_s and controls are for "
                  "cameras, which \"" +
-                 c.camera.source + "\" is not"};
+                 io::oneLine(c.camera.source) + "\" is not"};
   }
   if ((device.width == 0) != (device.height == 0)) {
     return Error{file.string() + ": camera: width and height go together"};

@@ -80,15 +80,18 @@ Result<std::optional<Header>> LogReader::headerAt(std::uint64_t offset) {
 
 Result<std::optional<LogReader::Found>> LogReader::find(std::uint64_t from) {
   while (from + kHeaderBytes <= size_) {
-    const auto read = bytes(from, kWindowBytes);
-    if (!read) return read.error();
-    const auto sync = std::ranges::search(*read, kSyncBytes);
+    // All that has been read already: a window of its own for each event would be 4 MiB for each.
+    if (const auto read = bytes(from, kHeaderBytes); !read) return read.error();
+    if (from + kHeaderBytes > size_) break;
+    const auto there = std::span<const std::uint8_t>(window_).subspan(
+        static_cast<std::size_t>(from - window_begin_));
+    const auto sync = std::ranges::search(there, kSyncBytes);
     if (sync.empty()) {
       // The word may begin in the last bytes.
-      from += read->size() - (kSyncBytes.size() - 1);
+      from += there.size() - (kSyncBytes.size() - 1);
       continue;
     }
-    from += static_cast<std::uint64_t>(sync.begin() - read->begin());
+    from += static_cast<std::uint64_t>(sync.begin() - there.begin());
     const Result<std::optional<Header>> header = headerAt(from);
     if (!header) return header.error();
     if (*header) return std::optional<Found>({from, **header});

@@ -8,6 +8,7 @@
 
 #include <gtest/gtest.h>
 
+#include "base/clock.h"
 #include "eventlog/testing_log.h"
 #include "tests/temporary_directory.h"
 
@@ -55,6 +56,26 @@ TEST_F(LogReaderTest, CutOffAnywhereAllWholeEventsAreThere) {
     ASSERT_TRUE(log.all_as_written);
     ASSERT_EQ(log.damaged_bytes, cut - begin(static_cast<int>(whole)));
   }
+}
+
+// What a log costs is its bytes, not its events times a window of them.
+TEST(LogReader, SmallEventsCostLittle) {
+  const waymark::testing::TemporaryDirectory directory;
+  constexpr int kMany = 20'000;
+  {
+    Result<LogWriter> writer = LogWriter::create(directory / "small.lcmlog");
+    ASSERT_TRUE(writer.ok());
+    const Bytes data(60);
+    for (int i = 0; i < kMany; ++i) ASSERT_TRUE(writer->append(i, "SMALL", data).ok());
+    ASSERT_TRUE(writer->flush().ok());
+  }
+  Result<LogReader> reader = LogReader::open(directory / "small.lcmlog");
+  ASSERT_TRUE(reader.ok());
+  const std::int64_t begin_ns = threadCpuNs();
+  int events = 0;
+  for (auto event = reader->next(); event.ok() && *event; event = reader->next()) ++events;
+  EXPECT_EQ(events, kMany);
+  EXPECT_LT(threadCpuNs() - begin_ns, 2'000'000'000);  // some milliseconds; it was 12 s
 }
 
 // What file systems make of a power cut: the length is there, the data are not.

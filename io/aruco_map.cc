@@ -1,5 +1,6 @@
 #include "io/aruco_map.h"
 
+#include <algorithm>
 #include <array>
 #include <string_view>
 #include <utility>
@@ -32,7 +33,8 @@ std::string ourName(const std::string& theirs) {
   for (const auto& [our, aruco] : kNames) {
     if (aruco == theirs) return std::string(our);
   }
-  return slam::Dictionary::byName(theirs) ? theirs : "";
+  const std::vector<std::string> all = slam::Dictionary::names();
+  return std::ranges::find(all, theirs) != all.end() ? theirs : "";
 }
 
 constexpr int kMetres = 1;  // aruco_bc_mInfoType

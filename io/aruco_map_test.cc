@@ -86,7 +86,7 @@ TEST(ArucoMap, FaultsNameThePlace) {
   EXPECT_EQ(errorOf(kExample, "id:17", "name:17"), "m.yml: aruco_bc_markers[1].id: is missing");
   EXPECT_EQ(errorOf(kExample, "aruco_bc_nmarkers", "nmarkers"),
             "m.yml: aruco_bc_nmarkers: is missing");
-  EXPECT_EQ(errorOf(kExample, "] ] }", "] "), "m.yml: is not YAML");
+  EXPECT_EQ(errorOf(kExample, "] ] }", "] "), "m.yml:9:4: is not YAML: illegal block entry");
   EXPECT_EQ(parseArucoMap("", "m.yml").error().message, "m.yml: is not YAML");
 }
 

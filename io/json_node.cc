@@ -5,6 +5,9 @@
 #include <cmath>
 #include <limits>
 
+#include "io/number_text.h"
+#include "io/plausible.h"
+
 namespace waymark::io {
 namespace {
 
@@ -32,9 +35,44 @@ std::string placeOf(const std::string& text, std::size_t byte) {
   return std::to_string(line) + ":" + std::to_string(1 + (end - line_begin));
 }
 
+// The byte at which the text has more levels or more members of one object than any file of ours;
+// empty when there is no such place. The parser itself takes any depth, but what walks through the
+// values afterwards has a stack with an end; and members are found one by one.
+std::optional<std::size_t> tooMuchAt(std::string_view text) {
+  constexpr std::size_t kDeepest = 100;
+  constexpr int kMostMembers = 1000;
+  struct Level {
+    bool object = false;
+    int commas = 0;
+  };
+  std::vector<Level> levels;
+  bool quoted = false;
+  for (std::size_t i = 0; i < text.size(); ++i) {
+    const char c = text[i];
+    if (quoted) {
+      if (c == '\\') ++i;
+      quoted = c != '"';
+    } else if (c == '"') {
+      quoted = true;
+    } else if (c == '[' || c == '{') {
+      levels.push_back({.object = c == '{'});
+      if (levels.size() > kDeepest) return i;
+    } else if ((c == ']' || c == '}') && !levels.empty()) {
+      levels.pop_back();
+    } else if (c == ',' && !levels.empty() && levels.back().object &&
+               ++levels.back().commas >= kMostMembers) {
+      return i;
+    }
+  }
+  return std::nullopt;
+}
+
 }  // namespace
 
 Result<Json> parseJson(const std::string& text, const std::string& file) {
+  if (const auto byte = tooMuchAt(text)) {
+    return Error{file + ":" + placeOf(text, *byte) + ": is nested too deeply or has too many keys"};
+  }
   try {
     return Json::parse(text);
   } catch (const nlohmann::json::parse_error& error) {
@@ -147,11 +185,12 @@ Eigen::Quaterniond JsonNode::unitQuaternion() const {
 
 slam::Transform JsonNode::transform() const {
   const Eigen::Vector3d p = at("p").point3();
+  if (good() && !isPosition(p)) at("p").fail(kPositions);
   return slam::Transform::fromQuaternion(at("q").unitQuaternion(), p);
 }
 
 void JsonNode::fail(const std::string& reason) const {
-  if (good()) *fault_ = (place_.empty() ? "" : place_ + ": ") + reason;
+  if (good()) *fault_ = oneLine((place_.empty() ? "" : place_ + ": ") + reason);
 }
 
 // Normalising a rounded quaternion and rounding it again nearly always gives the same; else the

@@ -45,7 +45,7 @@ class JsonNode {
   [[nodiscard]] Eigen::Vector3d point3() const;  // [x, y, z]
   // [w, x, y, z] with length 1; one that is a little off (1e-6) is normalised.
   [[nodiscard]] Eigen::Quaterniond unitQuaternion() const;
-  // {"p": [x, y, z], "q": [w, x, y, z]}
+  // {"p": [x, y, z], "q": [w, x, y, z]}, at most 100 000 km away
   [[nodiscard]] slam::Transform transform() const;
 
   // "markers[3].T_w_m.q: reason".

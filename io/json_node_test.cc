@@ -25,6 +25,17 @@ TEST(JsonNode, SyntaxErrorsNameLineAndColumn) {
   EXPECT_EQ(faultOf("{\"a\":1e999}", nothing), "f.json: has a number that is too large");
 }
 
+TEST(JsonNode, AnyDepthAndAnyNumberOfKeys) {
+  const auto nothing = [](const JsonNode&) {};
+  const std::string reason = "is nested too deeply or has too many keys";
+  const std::string lists(1'000'000, '[');
+  EXPECT_EQ(faultOf(lists, nothing), "f.json:1:101: " + reason);
+  EXPECT_EQ(faultOf("{\"]\\\"]\":\n" + lists, nothing), "f.json:2:100: " + reason);
+  std::string keys = "{\"a\":0";
+  for (int i = 0; i < 1000; ++i) keys += ",\"" + std::to_string(i) + "\":0";
+  EXPECT_NE(faultOf(keys + "}", nothing).find(reason), std::string::npos);
+}
+
 TEST(JsonNode, FaultsNameThePlace) {
   const std::string text = R"({"a":[{"b":1},{"b":"x","n":-1,"p":[1,2]}],"q":[1,1,0,0]})";
   const auto second = [](const JsonNode& root) { return root.at("a").elements()[1]; };

@@ -2,14 +2,17 @@
 
 #include <algorithm>
 #include <array>
+#include <cmath>
 #include <cstdint>
-#include <limits>
 #include <span>
 #include <string_view>
 #include <utility>
 #include <vector>
 
+#include "base/decimal_seconds.h"
 #include "io/json_node.h"
+#include "io/number_text.h"
+#include "io/plausible.h"
 #include "io/slam_settings.h"
 #include "io/text_file.h"
 #include "slam/detection/dictionary.h"
@@ -21,7 +24,8 @@ using slam::MarkerState;
 
 constexpr std::string_view kFormat = "waymark-map";
 constexpr int kVersion = 1;
-constexpr std::int64_t kLargestInteger = std::numeric_limits<std::int64_t>::max();
+// There are more after the last of them.
+constexpr std::int64_t kLargestIndex = std::int64_t{1} << 62U;
 constexpr std::array<std::pair<std::string_view, MarkerState>, 4> kStates = {{
     {"unresolved", MarkerState::kUnresolved},
     {"mapped", MarkerState::kMapped},
@@ -172,8 +176,19 @@ MarkerState readState(const JsonNode& node) {
   return MarkerState::kUnresolved;
 }
 
+// What is sent through squares and inverses must come out as a number again.
+constexpr double kLargestVariance = 1e12;  // square metres, square radians
+constexpr double kFastest = 1e4;           // metres and radians per second
+
+void checkWithin(double limit, const std::vector<double>& values, const JsonNode& node) {
+  for (const double value : values) {
+    if (node.good() && std::abs(value) > limit) node.fail("must not exceed " + roundTrip(limit));
+  }
+}
+
 slam::Matrix6d readCovariance(const JsonNode& node) {
   const std::vector<double> upper = node.numbers(21);
+  checkWithin(kLargestVariance, upper, node);
   slam::Matrix6d covariance;
   std::size_t i = 0;
   for (Eigen::Index row = 0; row < 6; ++row) {
@@ -242,6 +257,7 @@ class MapReader {
   void readMarker(const JsonNode& node, bool posed, slam::Map* map) const {
     const int id = static_cast<int>(node.at("id").integer(0, largest_id_));
     const double size_m = node.at("size").positive();
+    if (node.good() && !isSize(size_m)) node.at("size").fail(kSizes);
     if (node.at("dictionary").text() != map->dictionary) {
       node.at("dictionary").fail("is not the map's, \"" + map->dictionary + "\"");
     }
@@ -268,18 +284,18 @@ class MapReader {
 
   void readKeyframe(const JsonNode& node, const slam::CameraModel& camera, slam::Map* map) {
     slam::Keyframe keyframe;
-    keyframe.id = node.at("index").integer(0, kLargestInteger - 1);
+    keyframe.id = node.at("index").integer(0, kLargestIndex);
     if (node.good() && keyframe.id <= last_keyframe_) {
       node.at("index").fail("must be larger than the one before, " +
                             std::to_string(last_keyframe_));
     }
     last_keyframe_ = keyframe.id;
     keyframe.sequence = node.at("sequence").natural();
-    keyframe.monotonic_ns =
-        node.at("time_ns").integer(std::numeric_limits<std::int64_t>::min(), kLargestInteger);
+    keyframe.monotonic_ns = node.at("time_ns").integer(-kFarthest_ns, kFarthest_ns);
     keyframe.T_w_c = node.at("T_w_c").transform();
     if (node.has("twist")) {
       const std::vector<double> twist = node.at("twist").numbers(6);
+      checkWithin(kFastest, twist, node.at("twist"));
       std::copy(twist.begin(), twist.end(), keyframe.twist.data());
     }
     for (const JsonNode& detection : node.at("detections").elements()) {
@@ -310,7 +326,7 @@ class MapReader {
       if (!normalised) pixels[k].fail("the camera's lens cannot see there");
       const std::vector<double> v = covariances[k].numbers(3);
       detection.covariance[k] << v[0], v[1], v[1], v[2];
-      if (node.good() && !(v[0] > 0.0 && v[0] * v[2] > v[1] * v[1])) {
+      if (node.good() && !isCovariance(v[0], v[1], v[2])) {
         covariances[k].fail("must be xx, xy, yy of a positive definite matrix");
       }
     }

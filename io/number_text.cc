@@ -65,7 +65,8 @@ std::string_view trim(std::string_view text) {
 
 std::string oneLine(std::string_view text) {
   std::string line(trim(text));
-  std::replace(line.begin(), line.end(), '\n', ' ');
+  const auto controls = [](unsigned char c) { return c < ' ' || c == 127; };
+  std::replace_if(line.begin(), line.end(), controls, ' ');
   return line;
 }
 

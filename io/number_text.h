@@ -21,7 +21,7 @@ namespace waymark::io {
 [[nodiscard]] std::vector<std::string_view> split(std::string_view line, char separator);
 // Without blanks, tabs and carriage returns at both ends.
 [[nodiscard]] std::string_view trim(std::string_view text);
-// For messages: newlines become blanks.
+// For messages, which quote what files say: newlines and other control characters become blanks.
 [[nodiscard]] std::string oneLine(std::string_view text);
 
 }  // namespace waymark::io

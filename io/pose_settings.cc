@@ -5,6 +5,8 @@
 
 #include <Eigen/Geometry>
 
+#include "io/plausible.h"
+
 namespace waymark::io {
 namespace {
 
@@ -15,7 +17,9 @@ constexpr double kOffUnit = 1e-2;
 
 Setting positionSetting(std::string key, slam::Transform& target) {
   return numbersSetting(std::move(key), 3, [&target](std::span<const double> p) -> Objection {
-    target.p = {p[0], p[1], p[2]};
+    const Eigen::Vector3d position(p[0], p[1], p[2]);
+    if (!isPosition(position)) return kPositions;
+    target.p = position;
     return {};
   });
 }

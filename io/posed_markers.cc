@@ -1,5 +1,8 @@
 #include "io/posed_markers.h"
 
+#include <string>
+
+#include "io/plausible.h"
 #include "slam/detection/dictionary.h"
 #include "slam/detection/marker_detection.h"
 #include "slam/geometry/align_points.h"
@@ -47,6 +50,8 @@ Result<slam::Map> mapOf(const PosedMarkers& markers, const std::filesystem::path
     }
     if (map.find(posed.id) != nullptr) return fault(posed.id, "occurs twice");
     if (!(posed.size_m > 0.0)) return fault(posed.id, "has no size; give one with --size");
+    if (!isSize(posed.size_m)) return fault(posed.id, std::string("its size ") + kSizes);
+    if (!isPosition(posed.T_w_m.p)) return fault(posed.id, kPositions);
     slam::MapMarker& marker = map.addMarker(posed.id, posed.size_m);
     marker.T_w_m = posed.T_w_m;
     marker.state = slam::MarkerState::kMapped;

@@ -33,6 +33,9 @@ TEST(PosedMarkers, ThatAreNoMap) {
   EXPECT_EQ(errorOf(markers), "f.yml: marker 20: occurs twice");
   markers.markers[1].id = 600;
   EXPECT_EQ(errorOf(markers), "f.yml: marker 600: is not in APRILTAG_36h11, which ends with 586");
+  markers = someMarkers();
+  markers.markers[1].size_m = 1e4;
+  EXPECT_EQ(errorOf(markers), "f.yml: marker 10: its size must be from 0.0001 to 1000 m");
   markers.markers.clear();
   EXPECT_EQ(errorOf(markers), "f.yml: has no markers");
 }

@@ -5,11 +5,13 @@
 #include <optional>
 #include <string>
 #include <string_view>
+#include <utility>
 
 #include <Eigen/LU>
 
 #include "base/decimal_seconds.h"
 #include "io/number_text.h"
+#include "io/plausible.h"
 #include "io/text_file.h"
 
 namespace waymark::io {
@@ -17,21 +19,23 @@ namespace {
 
 namespace fs = std::filesystem;
 
+// The times of all frames.
+fs::path timesBeside(const fs::path& path) { return path.parent_path() / "frames.csv"; }
+
 using FramesByTime = std::map<std::int64_t, std::vector<slam::MarkerDetection>>;
 
 // Calls parse(line) for each line that is not a comment; it returns why the line is wrong, or
 // empty.
 template <typename Parse>
-Status forEachLine(const fs::path& path, const Parse& parse) {
-  const Result<std::string> text = readTextFile(path);
-  if (!text) return text.error();
+Status forEachLine(const std::string& text, const fs::path& path, const Parse& parse) {
   int number = 0;
-  for (const std::string_view raw : split(*text, '\n')) {
+  for (const std::string_view raw : split(text, '\n')) {
     ++number;
     const std::string_view line = trim(raw.substr(0, raw.find('#')));
     if (line.empty()) continue;
     const std::string fault = parse(line);
-    if (!fault.empty()) return Error{path.string() + ":" + std::to_string(number) + ": " + fault};
+    if (fault.empty()) continue;
+    return Error{path.string() + ":" + std::to_string(number) + ": " + oneLine(fault)};
   }
   return success();
 }
@@ -79,7 +83,7 @@ std::optional<Covariances> parseCovariances(std::span<const std::string_view> fi
     const auto xx = parseDouble(fields[3 * i]);
     const auto xy = parseDouble(fields[3 * i + 1]);
     const auto yy = parseDouble(fields[3 * i + 2]);
-    if (!xx || !xy || !yy || !(*xx > 0.0) || !(*xx * *yy > *xy * *xy)) {
+    if (!xx || !xy || !yy || !isCovariance(*xx, *xy, *yy)) {
       *fault = "covariance of corner " + std::to_string(i) +
                " is not three numbers xx, xy, yy of a positive definite matrix";
       return std::nullopt;
@@ -148,16 +152,31 @@ std::string formatDetection(std::int64_t time_ns, const slam::MarkerDetection& d
 Result<RecordedDetections> readRecordedDetections(const fs::path& path,
                                                   const slam::CameraModel& camera,
                                                   const RecordedDetectionsOptions& options) {
+  const Result<std::string> text = readTextFile(path);
+  if (!text) return text.error();
+  std::optional<std::string> frame_times;
+  std::error_code error;
+  if (const fs::path times = timesBeside(path); fs::exists(times, error)) {
+    Result<std::string> read = readTextFile(times);
+    if (!read) return read.error();
+    frame_times = std::move(read).value();
+  }
+  return parseRecordedDetections(*text, frame_times, path, camera, options);
+}
+
+Result<RecordedDetections> parseRecordedDetections(const std::string& text,
+                                                   const std::optional<std::string>& frame_times,
+                                                   const fs::path& path,
+                                                   const slam::CameraModel& camera,
+                                                   const RecordedDetectionsOptions& options) {
   const Eigen::Matrix2d isotropic_px2 =
       options.corner_sigma_px * options.corner_sigma_px * Eigen::Matrix2d::Identity();
   const Covariances unknown_px2 = {isotropic_px2, isotropic_px2, isotropic_px2, isotropic_px2};
   RecordedDetections recorded;
   FramesByTime frames;
-  const fs::path times = path.parent_path() / "frames.csv";
-  std::error_code error;
-  const bool all_times = fs::exists(times, error);
-  if (all_times) {
-    const Status read = forEachLine(times, [&](std::string_view line) -> std::string {
+  const fs::path times = timesBeside(path);
+  if (frame_times) {
+    const Status read = forEachLine(*frame_times, times, [&](std::string_view line) -> std::string {
       const auto time_ns = parseSeconds(line);
       if (!time_ns) return "'" + std::string(line) + "' is not a time in seconds";
       frames.try_emplace(*time_ns);
@@ -165,11 +184,11 @@ Result<RecordedDetections> readRecordedDetections(const fs::path& path,
     });
     if (!read) return read.error();
   }
-  const Status read = forEachLine(path, [&](std::string_view text) -> std::string {
+  const Status read = forEachLine(text, path, [&](std::string_view fields) -> std::string {
     std::string fault;
-    std::optional<Line> line = parseDetection(text, &fault);
+    std::optional<Line> line = parseDetection(fields, &fault);
     if (!line) return fault;
-    if (all_times && !frames.contains(line->time_ns)) {
+    if (frame_times && !frames.contains(line->time_ns)) {
       return "time " + formatSeconds(line->time_ns) + " is not in " + times.string();
     }
     std::vector<slam::MarkerDetection>& frame = frames[line->time_ns];

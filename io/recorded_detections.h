@@ -3,6 +3,7 @@
 
 #include <cstdint>
 #include <filesystem>
+#include <optional>
 #include <span>
 #include <string>
 #include <vector>
@@ -36,6 +37,12 @@ struct RecordedDetections {
 // all frames, also those without a marker; without it, frames are the times that occur. Errors name
 // the file and the line.
 [[nodiscard]] Result<RecordedDetections> readRecordedDetections(
+    const std::filesystem::path& path, const slam::CameraModel& camera,
+    const RecordedDetectionsOptions& options = {});
+
+// The same from text; `path` is for errors. frame_times: the text of the frames.csv, if any.
+[[nodiscard]] Result<RecordedDetections> parseRecordedDetections(
+    const std::string& text, const std::optional<std::string>& frame_times,
     const std::filesystem::path& path, const slam::CameraModel& camera,
     const RecordedDetectionsOptions& options = {});
 

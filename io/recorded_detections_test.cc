@@ -150,6 +150,9 @@ TEST(RecordedDetections, FaultsNameTheLine) {
                   ":1: covariance of corner 2 is not"},
         std::pair{"1,4,0,1,1,2,1,2,0,1,0,1,0,1,-1,0,-1,1,0,1,1,0,1\n",
                   ":1: covariance of corner 1 is not"},
+        std::pair{"1,4,0,1,1,2,1,2,0,1,0,1,0,1,1,0,1e300,1,0,1,1,0,1\n",
+                  ":1: covariance of corner 1 is not"},
+        std::pair{"9000000000,4,0,1,1,2,1,2,0,1,0\n", ":1: must begin with a time"},
         std::pair{"1,4,0,1,1,2,1,2,0,1,0,1,0,1,1,0,1,1,0,1,1,0,wide\n",
                   ":1: covariance of corner 3 is not"}}) {
     ASSERT_TRUE(writeTextFile(directory / "detections.csv", text).ok());

@@ -9,6 +9,8 @@
 #define TOML_EXCEPTIONS 0
 #include <toml++/toml.h>
 
+#include "io/number_text.h"
+
 namespace waymark::io {
 
 class SettingValue {
@@ -68,7 +70,7 @@ std::optional<FreeValue> freeValue(const toml::node& node) {
 
 Error at(const fs::path& file, const toml::source_position& place, const std::string& what) {
   return {file.string() + ":" + std::to_string(place.line) + ":" + std::to_string(place.column) +
-          ": " + what};
+          ": " + oneLine(what)};
 }
 
 // Walks through one file's tables.
@@ -153,6 +155,26 @@ void addSettingTexts(const toml::table& table, const std::string& prefix, Settin
     node.visit([&](const auto& of_its_type) { value << of_its_type; });
     texts->emplace(key, value.str());
   }
+}
+
+// Each dot of a key is a table within a table, and taking them down again needs a stack as deep. No
+// key of ours has more than four; the parser itself bounds what is nested in brackets. Empty when
+// there are few in each line.
+std::optional<toml::source_position> manyDotsAt(std::string_view text) {
+  constexpr int kMost = 100;
+  toml::source_position place{1, 0};
+  int dots = 0;
+  for (const char c : text) {
+    ++place.column;
+    if (c == '\n') {
+      ++place.line;
+      place.column = 0;
+      dots = 0;
+    } else if (c == '.' && ++dots > kMost) {
+      return place;
+    }
+  }
+  return std::nullopt;
 }
 
 }  // namespace
@@ -273,6 +295,7 @@ Setting wordSetting(std::string key, std::vector<std::string> words,
 
 Status readSettings(const std::string& text, const fs::path& file,
                     std::span<const Setting> settings, std::span<const std::string_view> others) {
+  if (const auto place = manyDotsAt(text)) return at(file, *place, "has too many dots");
   const toml::parse_result parsed = toml::parse(text);
   if (!parsed) {
     return at(file, parsed.error().source().begin, std::string(parsed.error().description()));
@@ -284,6 +307,7 @@ Status readSettings(const std::string& text, const fs::path& file,
 
 SettingTexts settingTexts(const std::string& text) {
   SettingTexts texts;
+  if (manyDotsAt(text)) return texts;
   const toml::parse_result parsed = toml::parse(text);
   if (parsed) addSettingTexts(parsed.table(), "", &texts);
   return texts;

@@ -44,6 +44,22 @@ std::string errorOf(const std::string& text) {
   return status ? "no error" : status.error().message;
 }
 
+TEST(SettingsFile, AnyDepth) {
+  std::string dots = "a";
+  for (int i = 0; i < 100; ++i) dots += ".a";
+  EXPECT_EQ(errorOf(dots + ".a = 1\n"), "w.toml:1:202: has too many dots");
+  // As deep as it gets.
+  std::string deep = dots + " = ";
+  for (int i = 0; i < 250; ++i) deep += "[\n{" + dots + " = ";
+  EXPECT_NE(errorOf(deep), "no error");
+  for (int i = 0; i < 1'000'000; ++i) deep += "[\n";
+  EXPECT_NE(errorOf(deep), "no error");
+}
+
+TEST(SettingsFile, ErrorsAreOneLine) {
+  EXPECT_EQ(errorOf("\"b\\nc\" = 1\n"), "w.toml:1:1: b c: unknown key");
+}
+
 TEST(SettingsFile, ReadsEveryKindOfValue) {
   Target t;
   const Status status = readSettings(

@@ -67,9 +67,11 @@ constexpr std::array<std::string_view, 8> kOtherSections = {
 }  // namespace
 
 Objection objectToDictionary(const std::string& name) {
-  if (slam::Dictionary::byName(name)) return {};
   std::string known;
-  for (const std::string& other : slam::Dictionary::names()) known += " " + other;
+  for (const std::string& other : slam::Dictionary::names()) {
+    if (other == name) return {};
+    known += " " + other;
+  }
   return "\"" + name + "\" is not a known dictionary; known are" + known;
 }
 

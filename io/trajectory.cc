@@ -26,7 +26,7 @@ std::optional<StampedPose> parsePose(std::string_view line, std::string* fault) 
   StampedPose pose;
   const std::optional<std::int64_t> time_ns = parseSeconds(fields[0]);
   if (!time_ns) {
-    *fault = "'" + std::string(fields[0]) + "' is not a time in seconds";
+    *fault = "'" + oneLine(fields[0]) + "' is not a time in seconds";
     return std::nullopt;
   }
   pose.time_ns = *time_ns;
@@ -34,7 +34,7 @@ std::optional<StampedPose> parsePose(std::string_view line, std::string* fault) 
   for (std::size_t i = 0; i < v.size(); ++i) {
     const std::optional<double> value = parseDouble(fields[i + 1]);
     if (!value) {
-      *fault = "'" + std::string(fields[i + 1]) + "' is not a finite number";
+      *fault = "'" + oneLine(fields[i + 1]) + "' is not a finite number";
       return std::nullopt;
     }
     v[i] = *value;

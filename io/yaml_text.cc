@@ -1,11 +1,12 @@
 #include "io/yaml_text.h"
 
+#include <algorithm>
+#include <cctype>
 #include <charconv>
 #include <cstdint>
 #include <optional>
 #include <string_view>
 
-#include <opencv2/core.hpp>
 #include <yaml-cpp/yaml.h>
 
 #include "io/number_text.h"
@@ -14,14 +15,19 @@ namespace waymark::io {
 namespace {
 
 // Aliases make a small file a huge one, or one without end: more than this is no file of ours.
-constexpr int kMostNodes = 2'000'000;
+constexpr std::size_t kMostNodes = 500'000;
+constexpr std::size_t kMostTextBytes = std::size_t{16} << 20U;
 constexpr int kDeepest = 100;
+// Members are found one by one.
+constexpr std::size_t kMostMembers = 1000;
 
 class Converter {
  public:
   // Empty when there is too much of it.
   std::optional<Json> convert(const YAML::Node& node, int depth = 0) {
     if (++nodes_ > kMostNodes || depth > kDeepest) return std::nullopt;
+    if (node.IsScalar()) text_bytes_ += node.Scalar().size();
+    if (text_bytes_ > kMostTextBytes) return std::nullopt;
     if (node.IsScalar()) return scalar(node);
     if (node.IsSequence()) return list(node, depth);
     if (node.IsMap()) return object(node, depth);
@@ -53,6 +59,7 @@ class Converter {
 
   std::optional<Json> object(const YAML::Node& node, int depth) {
     Json result = Json::object();
+    if (node.size() > kMostMembers) return std::nullopt;
     for (const auto& member : node) {
       std::optional<Json> converted = convert(member.second, depth + 1);
       if (!converted) return std::nullopt;
@@ -61,48 +68,40 @@ class Converter {
     return result;
   }
 
-  int nodes_ = 0;
+  std::size_t nodes_ = 0;
+  std::size_t text_bytes_ = 0;
 };
 
-Json fromOpenCv(const cv::FileNode& node) {
-  if (node.isInt()) return static_cast<int>(node);
-  if (node.isReal()) return static_cast<double>(node);
-  if (node.isString()) {  // OpenCV leaves a comment behind unquoted text in it
-    const std::string text = static_cast<std::string>(node);
-    return std::string(trim(std::string_view(text).substr(0, text.find(" #"))));
-  }
-  if (node.isSeq()) {
-    Json list = Json::array();
-    for (const cv::FileNode& element : node) list.push_back(fromOpenCv(element));
-    return list;
-  }
-  if (node.isMap()) {
-    Json object = Json::object();
-    for (const cv::FileNode& member : node) object[member.name()] = fromOpenCv(member);
-    return object;
-  }
-  return nullptr;
-}
+bool isName(char c) { return std::isalnum(static_cast<unsigned char>(c)) != 0 || c == '_'; }
 
-// A flow map like {id:0} is none to other parsers.
-Result<Json> parseOpenCvYaml(const std::string& text, const std::string& file) {
-  try {
-    const cv::FileStorage storage(text, cv::FileStorage::READ | cv::FileStorage::MEMORY);
-    if (storage.isOpened() && !storage.root().empty()) return fromOpenCv(storage.root());
-  } catch (const cv::Exception&) {
+// OpenCV's own parser trusts its files: it goes as deep as they do, until the stack ends. Its
+// dialect differs in the directive of the first line, and in maps like {id:0,size:1}, where YAML
+// wants a blank behind the colon; lines and their numbers stay as they are.
+std::string withoutOpenCvDialect(const std::string& text) {
+  std::string yaml;
+  int braces = 0;
+  char before_name = '\n';  // the last character that was neither blank nor of a name
+  for (std::size_t i = std::min(text.find('\n'), text.size()); i < text.size(); ++i) {
+    const char c = text[i];
+    yaml += c;
+    if (c == ' ' || c == '\n' || c == '\r' || isName(c)) continue;
+    const bool key = c == ':' && braces > 0 && (before_name == '{' || before_name == ',');
+    if (key && isName(text[i - 1])) yaml += ' ';
+    braces += c == '{' ? 1 : (c == '}' ? -1 : 0);
+    before_name = c;
   }
-  return Error{file + ": is not YAML"};
+  return yaml;
 }
 
 }  // namespace
 
 Result<Json> parseYaml(const std::string& text, const std::string& file) {
-  if (text.starts_with("%YAML:")) return parseOpenCvYaml(text, file);
   try {
-    const YAML::Node root = YAML::Load(text);
+    const YAML::Node root =
+        YAML::Load(text.starts_with("%YAML:") ? withoutOpenCvDialect(text) : text);
     if (!root.IsMap() && !root.IsSequence()) return Error{file + ": is not YAML"};
     std::optional<Json> converted = Converter().convert(root);
-    if (!converted) return Error{file + ": is nested too deeply"};
+    if (!converted) return Error{file + ": is nested too deeply or too large"};
     return std::move(*converted);
   } catch (const YAML::Exception& error) {
     return Error{file + ":" + std::to_string(error.mark.line + 1) + ":" +

@@ -21,6 +21,31 @@ TEST(YamlText, HeadAsOpenCvWritesIt) {
   const auto yaml = parseYaml("%YAML:1.0\n---\na: 1\n", "f.yaml");
   ASSERT_TRUE(yaml) << yaml.error().message;
   EXPECT_EQ(yaml->dump(), R"({"a":1})");
+  // Lines keep their numbers.
+  EXPECT_EQ(parseYaml("%YAML:1.0\n---\na: [1, 2\n", "f.yaml").error().message.find("f.yaml:4:1: "),
+            0U);
+}
+
+TEST(YamlText, MapsAsOpenCvWritesThem) {
+  const auto yaml = parseYaml(
+      "%YAML:1.0\n---\nurl: \"a,b:c\"\nm: !!opencv-matrix\n   rows: 1\n"
+      "l:\n   - { id:0, corners:[ [ 5., -1.5e-01 ], [\n       1, 2 ] ], name:\"a:b\" }\n"
+      "   - {id:1,\n      size:.5, at:{x:1}}\n",
+      "f.yaml");
+  ASSERT_TRUE(yaml) << yaml.error().message;
+  EXPECT_EQ(yaml->dump(),
+            R"({"url":"a,b:c","m":{"rows":1},"l":[{"id":0,"corners":[[5.0,-0.15],[1,2]],)"
+            R"("name":"a:b"},{"id":1,"size":0.5,"at":{"x":1}}]})");
+}
+
+TEST(YamlText, AnyDepth) {
+  for (const char* step : {"[", "{a: ", "- ", "? "}) {
+    std::string deep;
+    for (int i = 0; i < 100'000; ++i) deep += step;
+    for (const std::string& text : {deep, "%YAML:1.0\n---\na:\n  " + deep}) {
+      EXPECT_FALSE(parseYaml(text, "f.yaml")) << step;
+    }
+  }
 }
 
 TEST(YamlText, ListsAsDeepAsTheirKey) {
@@ -56,7 +81,7 @@ TEST(YamlText, FilesWithoutEnd) {
   for (const std::string& text : {bomb, std::string("a: &a [*a]\n")}) {
     const auto yaml = parseYaml(text, "f.yaml");
     ASSERT_FALSE(yaml);
-    EXPECT_EQ(yaml.error().message, "f.yaml: is nested too deeply");
+    EXPECT_EQ(yaml.error().message, "f.yaml: is nested too deeply or too large");
   }
 }
 

@@ -1,5 +1,6 @@
 #include "slam/geometry/camera_model.h"
 
+#include <algorithm>
 #include <cmath>
 
 #include <Eigen/LU>
@@ -72,6 +73,16 @@ std::string Calibration::invalidReason() const {
     if (!std::isfinite(v)) return "distortion has a value that is not finite";
   }
   if (fx <= 0.0 || fy <= 0.0) return "focal lengths must be positive";
+  // Far from any lens, and little enough that what is reckoned with them still are numbers.
+  constexpr double kShortest_px = 1e-3;
+  constexpr double kLongest_px = 1e9;
+  constexpr double kLargestCoefficient = 1e9;
+  if (std::min(fx, fy) < kShortest_px || std::max(fx, fy) > kLongest_px) {
+    return "focal lengths must be from 0.001 to 1e9 pixels";
+  }
+  for (const double v : distortion) {
+    if (std::abs(v) > kLargestCoefficient) return "distortion has a value beyond 1e9";
+  }
   if (cx < 0.0 || cy < 0.0 || cx >= width || cy >= height) {
     return "principal point lies outside the image";
   }

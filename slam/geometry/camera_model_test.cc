@@ -143,6 +143,12 @@ TEST(Calibration, SaysWhyItIsInvalid) {
   c = plumbBob();
   c.cx = 10000.0;
   EXPECT_NE(c.invalidReason(), "");
+  c = plumbBob();
+  c.fy = 1e-9;
+  EXPECT_EQ(c.invalidReason(), "focal lengths must be from 0.001 to 1e9 pixels");
+  c = plumbBob();
+  c.distortion[4] = -1e10;
+  EXPECT_EQ(c.invalidReason(), "distortion has a value beyond 1e9");
 }
 
 }  // namespace

@@ -1,0 +1,61 @@
+// Calibrations in each format there is. What is accepted makes a camera that answers, and a file
+// that reads back bit for bit.
+#include <cstring>
+#include <limits>
+
+#include "io/calibration_file.h"
+#include "io/ros_calibration.h"
+#include "slam/geometry/camera_model.h"
+#include "tests/fuzz/fuzz_target.h"
+
+using namespace waymark;
+
+namespace {
+
+bool same(const slam::Calibration& a, const slam::Calibration& b) {
+  const auto equal = [](double x, double y) { return std::memcmp(&x, &y, sizeof x) == 0; };
+  return a.width == b.width && a.height == b.height && a.model == b.model && equal(a.fx, b.fx) &&
+         equal(a.fy, b.fy) && equal(a.cx, b.cx) && equal(a.cy, b.cy) &&
+         std::memcmp(a.distortion.data(), b.distortion.data(), sizeof a.distortion) == 0;
+}
+
+// The whole image and some of its surroundings.
+void lookThrough(const slam::CameraModel& camera) {
+  for (int row = -2; row <= 10; ++row) {
+    for (int column = -2; column <= 10; ++column) {
+      const Eigen::Vector2d pixel(0.125 * column * camera.width(), 0.125 * row * camera.height());
+      const auto normalised = camera.undistort(pixel);
+      if (!normalised) continue;
+      fuzz::require(normalised->allFinite(), "undistorted points are finite");
+      (void)camera.project({normalised->x(), normalised->y(), 1.0});
+      (void)camera.intrinsicJacobian(*normalised);
+    }
+  }
+  constexpr double kHuge = std::numeric_limits<double>::max();
+  constexpr double kNothing = std::numeric_limits<double>::quiet_NaN();
+  (void)camera.undistort({kHuge, -kHuge});
+  (void)camera.undistort({kNothing, 0.0});
+  (void)camera.project({kHuge, 0.0, 1e-6});
+}
+
+void readBack(const slam::Calibration& calibration, const std::string& text, const char* format) {
+  const auto again = io::parseCalibration(text, "again.yml");
+  fuzz::require(again.ok(), std::string(format) + " is read again: " +
+                                (again ? std::string() : again.error().message) + "\n" + text);
+  fuzz::require(same(*again, calibration), std::string(format) + " keeps every bit:\n" + text);
+}
+
+}  // namespace
+
+int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
+  const auto calibration = io::parseCalibration(fuzz::textOf(data, size), "calib.yml");
+  if (!calibration) {
+    fuzz::requireOneLine(calibration.error());
+    return 0;
+  }
+  fuzz::require(calibration->invalidReason().empty(), "the calibration is valid");
+  lookThrough(slam::CameraModel(*calibration));
+  readBack(*calibration, io::formatCalibration(*calibration), "OpenCV's format");
+  readBack(*calibration, io::formatCameraInfo(*calibration, "camera"), "ROS's format");
+  return 0;
+}
