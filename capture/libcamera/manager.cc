@@ -47,8 +47,8 @@ Result<std::shared_ptr<libcamera::Camera>> findCamera(const Manager& manager,
     if (cameras[i]->id() == name || (isNumber(name) && std::stoul(name) == i)) return cameras[i];
     known += (i == 0 ? "" : ", ") + std::to_string(i) + " (" + cameras[i]->id() + ")";
   }
-  return Error{"libcamera:" + name + ": there is no such camera, but " +
-               (known.empty() ? "none" : known)};
+  return Error{"libcamera:" + name + ": there is no such camera, " +
+               (known.empty() ? "nor any other" : "but " + known)};
 }
 
 Result<AcquiredCamera> AcquiredCamera::acquire(std::shared_ptr<libcamera::Camera> camera) {

@@ -71,7 +71,7 @@ std::string describe(const Camera& camera) {
 std::string describe(const std::vector<Camera>& cameras) {
   std::string text;
   for (const Camera& camera : cameras) text += (text.empty() ? "" : "; ") + describe(camera);
-  return text.empty() ? "no camera" : text;
+  return text;
 }
 
 bool isNamed(const Camera& camera, const CameraName& name) {
@@ -127,7 +127,8 @@ bool areOnePiece(const std::vector<Camera>& cameras) {
 Result<Camera> onlyOne(const std::vector<Camera>& found, const CameraName& name,
                        const std::vector<Camera>& cameras) {
   if (found.empty()) {
-    return Error{"v4l2:" + nameText(name) + ": there is no such camera, but " + describe(cameras)};
+    return Error{"v4l2:" + nameText(name) + ": there is no such camera, " +
+                 (cameras.empty() ? "nor any other" : "but " + describe(cameras))};
   }
   if (!areOnePiece(found)) {
     return Error{"v4l2:" + nameText(name) + ": is any of " + describe(found) +

@@ -49,7 +49,7 @@ TEST(FindCamera, ByEveryName) {
   EXPECT_EQ(found("serial=C", cameras),
             "v4l2:serial=C: there is no such camera, but /dev/video0 (C920, bus=usb-1, serial=A); "
             "/dev/video2 (Other, bus=usb-2, serial=B)");
-  EXPECT_EQ(found("/dev/video0", {}), "v4l2:/dev/video0: there is no such camera, but no camera");
+  EXPECT_EQ(found("/dev/video0", {}), "v4l2:/dev/video0: there is no such camera, nor any other");
 }
 
 TEST(FindCamera, NeverGuessesBetweenTwo) {

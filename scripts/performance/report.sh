@@ -47,7 +47,7 @@ END
     printf '```\n'
   fi
   if [[ -f $measured/live.txt ]]; then
-    printf '\nThe daemon on a simulated camera, 640x480, as a subscriber sees it (`waymark echo --stats`); at\n1000 Hz more frames come than it can take, and the newest win:\n\n```\n'
+    printf '\nThe daemon on a simulated camera, 640x480, as a subscriber sees it (`waymark echo --stats`),\nten minutes at 150 Hz and one at 1000 Hz, where more frames may come than it can take, and the newest\nwin:\n\n```\n'
     cat "$measured/live.txt"
     printf '```\n'
   fi
