@@ -1,9 +1,11 @@
 #include "tests/process.h"
 
+#include <algorithm>
 #include <csignal>
 #include <cstdlib>
 #include <fstream>
 #include <iterator>
+#include <limits>
 #include <stdexcept>
 #include <thread>
 #include <utility>
@@ -74,6 +76,19 @@ ProgramResult runProgram(const std::vector<std::string>& command) {
   Process process(command, directory / "err", directory / "out");
   const int exit_code = process.wait(kPatience).value_or(-1);
   return {exit_code, readFile(directory / "out"), readFile(directory / "err")};
+}
+
+std::size_t openDescriptors(pid_t process) {
+  constexpr int kLooks = 10;
+  const std::filesystem::path directory = "/proc/" + std::to_string(process) + "/fd";
+  std::size_t fewest = std::numeric_limits<std::size_t>::max();
+  for (int i = 0; i < kLooks; ++i) {
+    const std::filesystem::directory_iterator entries(directory);
+    fewest =
+        std::min(fewest, static_cast<std::size_t>(std::distance(begin(entries), end(entries))));
+    std::this_thread::sleep_for(std::chrono::milliseconds(100));
+  }
+  return fewest;
 }
 
 }  // namespace waymark::testing

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <chrono>
+#include <cstddef>
 #include <filesystem>
 #include <optional>
 #include <string>
@@ -34,6 +35,10 @@ class Process {
   std::filesystem::path stderr_file_;
   std::optional<int> exit_code_;
 };
+
+// How many files a program has open. Some are open for a moment only: the fewest of several looks
+// count, a second together.
+[[nodiscard]] std::size_t openDescriptors(pid_t process);
 
 struct ProgramResult {
   int exit_code = -1;  // -1 when a signal killed it, or when it did not come to an end

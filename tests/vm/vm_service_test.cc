@@ -221,6 +221,35 @@ TEST_F(ServiceTest, ThreadsHaveTheirPrioritiesAndMemoryIsLocked) {
   EXPECT_EQ(trimmed(locked), "1");
 }
 
+// As somebody who is in these groups only ("": in none); what `waymark ctl status` says.
+ProgramResult statusAsMemberOf(const std::string& groups) {
+  return shell("setpriv --reuid=nobody --regid=nogroup " +
+               (groups.empty() ? std::string("--clear-groups") : "--groups=" + groups) +
+               " waymark ctl status");
+}
+
+TEST_F(ServiceTest, ItIsReloadedAndItsGroupMayAskIt) {
+  ASSERT_NO_FATAL_FAILURE(ensureRunning());
+  const pid_t before = mainProcess();
+  EXPECT_EQ(statusAsMemberOf("").exit_code, 2) << "its socket is not for everybody";
+  const ProgramResult status = statusAsMemberOf("waymark");
+  ASSERT_EQ(status.exit_code, 0) << status.err;
+  EXPECT_NE(status.out.find("\"log_level\": \"info\""), status.out.npos) << status.out;
+
+  write(kConfiguration, keepingItsMap() + "[log]\nlevel = 'debug'\n");
+  EXPECT_EQ(runProgram({"systemctl", "reload", kUnit}).exit_code, 0);
+  const auto until = std::chrono::steady_clock::now() + kPatience;
+  std::string said;
+  while (said.find("\"log_level\": \"debug\"") == said.npos &&
+         std::chrono::steady_clock::now() < until) {
+    std::this_thread::sleep_for(milliseconds(200));
+    said = statusAsMemberOf("waymark").out;
+  }
+  EXPECT_NE(said.find("\"log_level\": \"debug\""), said.npos) << journal();
+  EXPECT_EQ(mainProcess(), before) << "the same process";
+  write(kConfiguration, keepingItsMap());
+}
+
 // --- What it may not do --------------------------------------------------------------------------
 
 class Inside {

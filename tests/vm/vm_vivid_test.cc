@@ -168,11 +168,6 @@ INSTANTIATE_TEST_SUITE_P(Formats, VividSourceTest,
 
 // --- The daemon ----------------------------------------------------------------------------------
 
-std::size_t openDescriptors(pid_t process) {
-  const std::filesystem::directory_iterator entries("/proc/" + std::to_string(process) + "/fd");
-  return static_cast<std::size_t>(std::distance(begin(entries), end(entries)));
-}
-
 class VividDaemonTest : public VividTest, public ::testing::WithParamInterface<PixelFormat> {
  protected:
   void startDaemon(PixelFormat format) {

@@ -143,11 +143,6 @@ class UvcDaemonTest : public ::testing::Test {
     return text;
   }
 
-  [[nodiscard]] std::size_t openDescriptors() const {
-    const fs::directory_iterator entries("/proc/" + std::to_string(daemon_->pid()) + "/fd");
-    return static_cast<std::size_t>(std::distance(begin(entries), end(entries)));
-  }
-
   void expectCounted(UvcCamera* camera, Fault fault, int frames, const std::string& name);
 
   // The first frame that was taken after that time.
@@ -188,7 +183,7 @@ TEST_F(UvcDaemonTest, SurvivesTenUnpluggings) {
   ASSERT_NE(plugInAt(&camera, 0), "");
   startDaemon("v4l2:serial=0001", "MJPG");
   ASSERT_NO_FATAL_FAILURE(waitForMap());
-  const std::size_t descriptors = openDescriptors();
+  const std::size_t descriptors = openDescriptors(daemon_->pid());
   const std::size_t markers = subscriber_->received().maps.back().marker_count;
   double slowest_s = 0.0;
 
@@ -209,7 +204,7 @@ TEST_F(UvcDaemonTest, SurvivesTenUnpluggings) {
                                 << ": the first good frame has its place: " << first.reason;
     EXPECT_LT(distanceToWay_m(first), kTolerance_m) << round << ": in the same map";
     slowest_s = std::max(slowest_s, 1e-9 * static_cast<double>(first.monotonic_ns - there_ns));
-    EXPECT_EQ(openDescriptors(), descriptors) << round;
+    EXPECT_EQ(openDescriptors(daemon_->pid()), descriptors) << round;
     EXPECT_EQ(camera.state().controls.value(Control::kGain), 33) << "set again";
     EXPECT_EQ(camera.state().controls.value(Control::kExposureTime), 80);
     EXPECT_FALSE(daemon_->wait(milliseconds(0))) << "the same process";
