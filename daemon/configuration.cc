@@ -43,6 +43,7 @@ io::Setting cpusSetting(const std::string& key, std::vector<int>& target) {
     for (const slam::IdRange& range : *ranges) {
       if (range.last > kMost) return "must be processors from 0 to " + std::to_string(kMost);
       for (int cpu = range.first; cpu <= range.last; ++cpu) target.push_back(cpu);
+      if (std::ssize(target) > kMost + 1) return "must name each processor once";
     }
     return {};
   });

@@ -5,6 +5,7 @@
 #include <map>
 #include <regex>
 #include <string>
+#include <vector>
 
 #include <gtest/gtest.h>
 
@@ -206,6 +207,19 @@ TEST(Configuration, FilesThatCannotBeRead) {
   EXPECT_EQ(readConfiguration("/nowhere/w.toml").error().message,
             "/nowhere/w.toml: cannot be read: No such file or directory");
   EXPECT_EQ(readConfiguration("/").error().message, "/: cannot be read: Is a directory");
+}
+
+TEST(Configuration, ProcessorsAreNamedOnce) {
+  const std::string realtime = kCamera + kSlam + "[realtime]\nslam_cpus = ";
+  const auto c = parseConfiguration(realtime + "\"0, 2-3\"\n", "/etc/w.toml");
+  ASSERT_TRUE(c) << c.error().message;
+  EXPECT_EQ(c->realtime.slam.cpus, (std::vector<int>{0, 2, 3}));
+  EXPECT_NE(errorOf(realtime + "\"0-1024\"\n").find("must be processors from 0 to 1023"),
+            std::string::npos);
+  std::string many = "\"0-1023";
+  for (int i = 0; i < 100'000; ++i) many += ",0-1023";
+  EXPECT_NE(errorOf(realtime + many + "\"\n").find("must name each processor once"),
+            std::string::npos);
 }
 
 }  // namespace

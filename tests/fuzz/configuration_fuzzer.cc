@@ -1,5 +1,6 @@
 // The daemon's configuration, and the settings of waymark run, which are a part of it.
 #include "daemon/configuration.h"
+#include "io/settings_file.h"
 #include "io/slam_settings.h"
 #include "tests/fuzz/fuzz_target.h"
 
@@ -15,6 +16,9 @@ int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   fuzz::require(settings.ok() || !configuration.ok(), "what the daemon takes, waymark run takes");
   if (configuration) {
     fuzz::require(configuration->slam.options.invalidReason().empty(), "the options are valid");
+    const io::SettingTexts texts = io::settingTexts(configuration->text);
+    fuzz::require(!texts.empty(), "a configuration has keys");
+    fuzz::require(io::changedSettings(texts, io::settingTexts(text)).empty(), "nothing changed");
   }
   return 0;
 }
