@@ -138,7 +138,7 @@ TEST_F(LogReaderTest, ALogWithinALogIsData) {
 TEST_F(LogReaderTest, AnyDamageCostsLittle) {
   const Bytes whole = bytes_;
   std::mt19937 random(3);
-  for (int round = 0; round < 1000; ++round) {
+  for (int round = 0; round < 10'000; ++round) {
     bytes_ = whole;
     const std::size_t place = random() % bytes_.size();
     const auto where = bytes_.begin() + static_cast<std::ptrdiff_t>(place);

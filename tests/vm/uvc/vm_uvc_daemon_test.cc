@@ -28,7 +28,6 @@
 namespace waymark::testing {
 namespace {
 
-namespace fs = std::filesystem;
 using std::chrono::milliseconds;
 
 constexpr milliseconds kPatience(300'000);  // an emulated machine is slow
