@@ -284,7 +284,7 @@ TEST_P(RecordingStreams, LosesNothing) {
 INSTANTIATE_TEST_SUITE_P(Cameras, RecordingStreams,
                          ::testing::Values(Stream{"hd", 1280, 720, 60.0, true},
                                            Stream{"vga", 640, 480, 150.0, false}),
-                         [](const auto& info) { return std::string(info.param.name); });
+                         [](const auto& test) { return std::string(test.param.name); });
 
 TEST_F(RecordingTest, WhatWasFlushedSurvivesKillNine) {
   constexpr int kKills = 20;
