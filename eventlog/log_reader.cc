@@ -85,13 +85,13 @@ Result<std::optional<LogReader::Found>> LogReader::find(std::uint64_t from) {
     if (from + kHeaderBytes > size_) break;
     const auto there = std::span<const std::uint8_t>(window_).subspan(
         static_cast<std::size_t>(from - window_begin_));
-    const auto sync = std::ranges::search(there, kSyncBytes);
-    if (sync.empty()) {
+    const auto sync = std::search(there.begin(), there.end(), kSyncBytes.begin(), kSyncBytes.end());
+    if (sync == there.end()) {
       // The word may begin in the last bytes.
       from += there.size() - (kSyncBytes.size() - 1);
       continue;
     }
-    from += static_cast<std::uint64_t>(sync.begin() - there.begin());
+    from += static_cast<std::uint64_t>(sync - there.begin());
     const Result<std::optional<Header>> header = headerAt(from);
     if (!header) return header.error();
     if (*header) return std::optional<Found>({from, **header});

@@ -1,6 +1,8 @@
 // Calibrations in each format there is. What is accepted makes a camera that answers, and a file
 // that reads back bit for bit.
-#include <cstring>
+#include <algorithm>
+#include <bit>
+#include <cstdint>
 #include <limits>
 
 #include "io/calibration_file.h"
@@ -12,11 +14,17 @@ using namespace waymark;
 
 namespace {
 
+// As bits: -0.0 is not 0.0.
+bool same(double a, double b) {
+  return std::bit_cast<std::uint64_t>(a) == std::bit_cast<std::uint64_t>(b);
+}
+
 bool same(const slam::Calibration& a, const slam::Calibration& b) {
-  const auto equal = [](double x, double y) { return std::memcmp(&x, &y, sizeof x) == 0; };
-  return a.width == b.width && a.height == b.height && a.model == b.model && equal(a.fx, b.fx) &&
-         equal(a.fy, b.fy) && equal(a.cx, b.cx) && equal(a.cy, b.cy) &&
-         std::memcmp(a.distortion.data(), b.distortion.data(), sizeof a.distortion) == 0;
+  const auto same_coefficient = [](double x, double y) { return same(x, y); };
+  return a.width == b.width && a.height == b.height && a.model == b.model && same(a.fx, b.fx) &&
+         same(a.fy, b.fy) && same(a.cx, b.cx) && same(a.cy, b.cy) &&
+         std::equal(a.distortion.begin(), a.distortion.end(), b.distortion.begin(),
+                    same_coefficient);
 }
 
 // The whole image and some of its surroundings.
