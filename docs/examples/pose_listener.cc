@@ -28,8 +28,7 @@ class Listener {
     }
     std::printf("%8lld  x %7.3f  y %7.3f  z %7.3f m  +- %4.1f mm  %.1f ms old\n",
                 static_cast<long long>(pose->sequence), pose->p_w_c[0], pose->p_w_c[1],
-                pose->p_w_c[2], 1e3 * sigma(*pose),
-                1e-6 * static_cast<double>(pose->latency_ns));
+                pose->p_w_c[2], 1e3 * sigma(*pose), 1e-6 * static_cast<double>(pose->latency_ns));
   }
 
  private:
