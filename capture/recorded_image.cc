@@ -7,6 +7,7 @@
 #include <string>
 #include <string_view>
 
+#include "base/big_endian.h"
 #include "base/decimal_seconds.h"
 #include "capture/wire_reader.h"
 
@@ -27,18 +28,13 @@ void setValue(bot_core::image_metadata_t* entry, std::string_view key, std::int6
   entry->key = key;
   entry->n = sizeof value;
   entry->value.resize(sizeof value);
-  auto rest = static_cast<std::uint64_t>(value);
-  for (std::size_t i = sizeof value; i-- > 0; rest >>= 8U) {
-    entry->value[i] = static_cast<std::uint8_t>(rest & 0xffU);
-  }
+  writeBigEndian(static_cast<std::uint64_t>(value), entry->value);
 }
 
 std::optional<std::int64_t> value(const image_t& message, std::string_view key) {
   const auto entry = std::ranges::find(message.metadata, key, &bot_core::image_metadata_t::key);
   if (entry == message.metadata.end() || entry->value.size() != sizeof(std::int64_t)) return {};
-  std::uint64_t bits = 0;
-  for (const std::uint8_t byte : entry->value) bits = (bits << 8U) | byte;
-  return static_cast<std::int64_t>(bits);
+  return static_cast<std::int64_t>(readBigEndian(entry->value));
 }
 
 std::int64_t rowBytes(const image_t& message) {
@@ -130,9 +126,7 @@ void fillImage(const FrameStamp& stamp, const ImageView& image, std::span<const 
 bool isImage(std::span<const std::uint8_t> data) {
   constexpr std::size_t kHashBytes = 8;
   if (data.size() < kHashBytes) return false;
-  std::uint64_t hash = 0;
-  for (const std::uint8_t byte : data.first(kHashBytes)) hash = (hash << 8U) | byte;
-  return static_cast<std::int64_t>(hash) == image_t::getHash();
+  return static_cast<std::int64_t>(readBigEndian(data.first(kHashBytes))) == image_t::getHash();
 }
 
 Status readImage(std::span<const std::uint8_t> data, std::uint64_t sequence, image_t* message,

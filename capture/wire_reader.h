@@ -7,6 +7,8 @@
 #include <span>
 #include <string_view>
 
+#include "base/big_endian.h"
+
 namespace waymark::capture {
 
 // Integers are big-endian. Once something does not fit in what is left, everything reads as zero or
@@ -19,8 +21,8 @@ class WireReader {
   // Everything was there, and nothing is left over.
   [[nodiscard]] bool done() const { return ok_ && left_.empty(); }
 
-  std::int64_t int64() { return static_cast<std::int64_t>(word(8)); }
-  std::int32_t int32() { return static_cast<std::int32_t>(word(4)); }
+  std::int64_t int64() { return static_cast<std::int64_t>(readBigEndian(take(8))); }
+  std::int32_t int32() { return static_cast<std::int32_t>(readBigEndian(take(4))); }
   // How many elements of at least `element_bytes` follow.
   std::int32_t count(std::size_t element_bytes = 1) {
     const std::int32_t n = int32();
@@ -49,11 +51,6 @@ class WireReader {
     const auto taken = left_.first(size);
     left_ = left_.subspan(size);
     return taken;
-  }
-  std::uint64_t word(std::size_t size) {
-    std::uint64_t value = 0;
-    for (const std::uint8_t byte : take(size)) value = (value << 8U) | byte;
-    return value;
   }
 
   std::span<const std::uint8_t> left_;

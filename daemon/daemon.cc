@@ -25,13 +25,6 @@ std::size_t queueDepth(const Configuration& configuration) {
   return static_cast<std::size_t>(std::max(depth, 1));
 }
 
-std::unique_ptr<slam::Slam> makeSlam(DaemonParts& parts) {
-  return std::make_unique<slam::Slam>(
-      slam::CameraModel(parts.camera.calibration),
-      *slam::Dictionary::byName(parts.configuration.slam.dictionary), parts.start.options,
-      std::move(parts.start.map));
-}
-
 }  // namespace
 
 Daemon::Daemon(DaemonParts parts, const ReloadSignal& reload_signal, Log& log)
@@ -41,7 +34,9 @@ Daemon::Daemon(DaemonParts parts, const ReloadSignal& reload_signal, Log& log)
       frames_(queueDepth(parts_.configuration)),
       errands_(frames_),
       capture_loop_(parts_.camera.opener, frames_, camera_status_, log_),
-      slam_loop_(makeSlam(parts_), frames_, camera_status_, errands_, output_),
+      slam_loop_(makeSlam(parts_.configuration.slam, parts_.camera.calibration,
+                          parts_.start.options, std::move(parts_.start.map)),
+                 frames_, camera_status_, errands_, output_),
       publisher_(parts_.configuration.publish, parts_.configuration.body,
                  parts_.configuration.slam.dictionary, output_, camera_status_, frames_, health_,
                  log_),

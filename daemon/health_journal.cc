@@ -4,7 +4,7 @@
 #include <array>
 #include <string_view>
 
-#include <waymark/pose_t.hpp>
+#include "daemon/status_name.h"
 
 namespace waymark::daemon {
 namespace {
@@ -18,21 +18,6 @@ bool isFault(std::string_view counter) {
 }
 
 }  // namespace
-
-std::string statusName(std::int8_t status) {
-  switch (status) {
-    case pose_t::STATUS_INITIALIZING:
-      return "initializing";
-    case pose_t::STATUS_TRACKING:
-      return "tracking";
-    case pose_t::STATUS_RELOCALIZING:
-      return "relocalizing";
-    case pose_t::STATUS_NO_CAMERA:
-      return "no camera";
-    default:
-      return "status " + std::to_string(status);
-  }
-}
 
 HealthJournal::News HealthJournal::news(const health_t& health) {
   News news;

@@ -10,9 +10,6 @@
 
 namespace waymark::daemon {
 
-// "tracking", "no camera", ... of health_t's and pose_t's `status`.
-[[nodiscard]] std::string statusName(std::int8_t status);
-
 class HealthJournal {
  public:
   struct Options {

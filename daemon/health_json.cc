@@ -1,6 +1,6 @@
 #include "daemon/health_json.h"
 
-#include "daemon/health_journal.h"
+#include "daemon/status_name.h"
 
 namespace waymark::daemon {
 namespace {

@@ -56,16 +56,15 @@ Result<std::optional<DaemonParts>> prepare(const fs::path& file, const Configura
   Result<StartMap> start = readStartMap(configuration.slam, camera->calibration);
   if (!start) return start.error();
   if (check_only) return std::optional<DaemonParts>();
-  Result<std::unique_ptr<Recorder>> recorder =
+  std::unique_ptr<Recorder> recorder =
       makeRecorder(configuration, file, camera->calibration, *start, log);
-  if (!recorder) return recorder.error();
   Result<std::unique_ptr<ControlServer>> control = openControl(configuration);
   if (!control) return control.error();
   return std::optional(DaemonParts{.configuration_file = file,
                                    .configuration = configuration,
                                    .camera = std::move(camera).value(),
                                    .start = std::move(start).value(),
-                                   .recorder = std::move(recorder).value(),
+                                   .recorder = std::move(recorder),
                                    .control = std::move(control).value()});
 }
 

@@ -46,6 +46,14 @@ Result<StartMap> readWithPrevious(const fs::path& file, const io::SlamSettings& 
 
 }  // namespace
 
+std::unique_ptr<slam::Slam> makeSlam(const io::SlamSettings& settings,
+                                     const slam::Calibration& camera, const slam::Options& options,
+                                     slam::Map map) {
+  return std::make_unique<slam::Slam>(slam::CameraModel(camera),
+                                      *slam::Dictionary::byName(settings.dictionary), options,
+                                      std::move(map));
+}
+
 fs::path previousOf(const fs::path& map_file) { return map_file.string() + ".previous"; }
 
 Result<StartMap> readStartMap(const io::SlamSettings& settings, const slam::Calibration& camera) {

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <filesystem>
+#include <memory>
 #include <string>
 #include <vector>
 
@@ -20,6 +21,11 @@ struct StartMap {
   std::vector<std::string> notes;     // likewise: what came from where
   slam::Options options;              // with what the map knows of the camera
 };
+
+// A SLAM that begins with `map`.
+[[nodiscard]] std::unique_ptr<slam::Slam> makeSlam(const io::SlamSettings& settings,
+                                                   const slam::Calibration& camera,
+                                                   const slam::Options& options, slam::Map map);
 
 // The map before the one in a file, kept by saving.
 [[nodiscard]] std::filesystem::path previousOf(const std::filesystem::path& map_file);

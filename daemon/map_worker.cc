@@ -5,7 +5,6 @@
 #include <utility>
 
 #include "base/clock.h"
-#include "slam/detection/dictionary.h"
 
 namespace waymark::daemon {
 namespace {
@@ -139,10 +138,9 @@ Result<std::string> MapWorker::saveNow() {
 
 // The global optimisation is the SLAM's own, of a SLAM that will see no frames.
 Result<std::string> MapWorker::saveCopy(slam::Map map, double readout_s) const {
-  slam::Slam slam(slam::CameraModel(camera_), *slam::Dictionary::byName(settings_.dictionary),
-                  settings_.options, std::move(map));
-  slam.optimiseGlobally();
-  return writeMap(settings_, slam.map(), camera_, readout_s);
+  const auto slam = makeSlam(settings_, camera_, settings_.options, std::move(map));
+  slam->optimiseGlobally();
+  return writeMap(settings_, slam->map(), camera_, readout_s);
 }
 
 Result<std::string> MapWorker::loadNow(const fs::path& asked) {
@@ -172,9 +170,7 @@ Result<std::string> MapWorker::resetNow() {
 
 // The SLAM that was is destroyed here, too.
 Result<std::string> MapWorker::goOnWith(StartMap start) {
-  auto slam = std::make_unique<slam::Slam>(slam::CameraModel(camera_),
-                                           *slam::Dictionary::byName(settings_.dictionary),
-                                           start.options, std::move(start.map));
+  auto slam = makeSlam(settings_, camera_, start.options, std::move(start.map));
   if (!errands_.run([&](std::unique_ptr<slam::Slam>& running) { running.swap(slam); })) {
     return kStopping;
   }

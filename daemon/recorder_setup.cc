@@ -4,10 +4,8 @@
 #include <vector>
 
 #include "io/calibration_file.h"
-#include "io/text_file.h"
 
 namespace waymark::daemon {
-namespace {
 
 namespace fs = std::filesystem;
 using capture::RecordedFile;
@@ -29,17 +27,13 @@ RecorderOptions recorderOptions(const Configuration::Record& record) {
   return options;
 }
 
-}  // namespace
-
-Result<std::unique_ptr<Recorder>> makeRecorder(const Configuration& configuration,
-                                               const fs::path& configuration_file,
-                                               const slam::Calibration& calibration,
-                                               const StartMap& start, const Log& log) {
-  if (configuration.record.directory.empty()) return std::unique_ptr<Recorder>();
+std::unique_ptr<Recorder> makeRecorder(const Configuration& configuration,
+                                       const fs::path& configuration_file,
+                                       const slam::Calibration& calibration, const StartMap& start,
+                                       const Log& log) {
+  if (configuration.record.directory.empty()) return nullptr;
   std::vector<RecordedFile> files;
-  const Result<std::string> text = io::readTextFile(configuration_file);
-  if (!text) return text.error();
-  files.push_back({RecordedFile::kConfiguration, configuration_file.string(), *text});
+  files.push_back({RecordedFile::kConfiguration, configuration_file.string(), configuration.text});
   const fs::path& given = configuration.camera.calibration;
   files.push_back({RecordedFile::kCalibration,
                    given.empty() ? configuration.camera.source : given.string(),

@@ -4,7 +4,6 @@
 #include <filesystem>
 #include <memory>
 
-#include "base/result.h"
 #include "daemon/configuration.h"
 #include "daemon/log.h"
 #include "daemon/map_keeper.h"
@@ -13,10 +12,12 @@
 
 namespace waymark::daemon {
 
+[[nodiscard]] RecorderOptions recorderOptions(const Configuration::Record& record);
+
 // Null without a directory to record into. The recordings will carry the configuration file, the
 // calibration as it is used, and the map that the daemon begins with, so that they can be run again
-// without anything else. Errors name the file that cannot be read.
-[[nodiscard]] Result<std::unique_ptr<Recorder>> makeRecorder(
+// without anything else.
+[[nodiscard]] std::unique_ptr<Recorder> makeRecorder(
     const Configuration& configuration, const std::filesystem::path& configuration_file,
     const slam::Calibration& calibration, const StartMap& start, const Log& log);
 

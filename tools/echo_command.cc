@@ -13,6 +13,7 @@
 #include "base/clock.h"
 #include "daemon/configuration.h"
 #include "daemon/lcm_link.h"
+#include "daemon/status_name.h"
 #include "daemon/stop_signal.h"
 #include "io/map_file.h"
 #include "io/map_picture.h"
@@ -42,21 +43,6 @@ struct EchoOptions {
   std::string picture_file;
 };
 
-const char* statusWord(std::int8_t status) {
-  switch (status) {
-    case pose_t::STATUS_INITIALIZING:
-      return "initializing";
-    case pose_t::STATUS_TRACKING:
-      return "tracking";
-    case pose_t::STATUS_RELOCALIZING:
-      return "relocalizing";
-    case pose_t::STATUS_NO_CAMERA:
-      return "no camera";
-    default:
-      return "unknown";
-  }
-}
-
 // Times count from `start_utime`.
 void printTum(const pose_t& m, std::int64_t start_utime) {
   if (m.source == pose_t::SOURCE_NONE) return;
@@ -67,7 +53,7 @@ void printTum(const pose_t& m, std::int64_t start_utime) {
 }
 
 void printLine(const pose_t& m) {
-  std::printf("%8" PRId64 "  %-12s  ", m.sequence, statusWord(m.status));
+  std::printf("%8" PRId64 "  %-12s  ", m.sequence, daemon::statusName(m.status).c_str());
   if (m.source == pose_t::SOURCE_NONE) {
     std::printf("no pose: %s", m.reason.c_str());
     if (m.had_pose) std::printf("; the last one is %.1f s old", 1e-9 * m.last_pose_age_ns);

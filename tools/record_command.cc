@@ -16,8 +16,10 @@
 #include "capture/open_source.h"
 #include "daemon/camera_status.h"
 #include "daemon/capture_loop.h"
+#include "daemon/configuration.h"
 #include "daemon/log.h"
 #include "daemon/recorder.h"
+#include "daemon/recorder_setup.h"
 #include "daemon/stop_signal.h"
 #include "io/calibration_file.h"
 #include "io/number_text.h"
@@ -32,7 +34,6 @@ using capture::RecordedFile;
 
 struct RecordArguments {
   std::string source;
-  std::string out;
   std::string calibration;
   std::string config;
   std::optional<double> fps;
@@ -41,10 +42,7 @@ struct RecordArguments {
   int height = 0;
   std::string format;
   double exposure_s = 0.0;
-  int jpeg_quality = 0;
-  int quota_mib = 0;
-  int file_mib = 2048;
-  int keep_free_mib = 500;
+  daemon::Configuration::Record record;
   bool quiet = false;
 };
 
@@ -60,17 +58,6 @@ capture::SourceOptions sourceOptions(const RecordArguments& arguments,
   options.camera.format = arguments.format;
   options.camera.exposure_s = arguments.exposure_s;
   options.camera.keep_jpeg = true;
-  return options;
-}
-
-daemon::RecorderOptions recorderOptions(const RecordArguments& arguments) {
-  const auto bytes = [](int mib) { return static_cast<std::uint64_t>(mib) << 20U; };
-  daemon::RecorderOptions options;
-  options.log.directory = arguments.out;
-  options.log.quota_bytes = bytes(arguments.quota_mib);
-  options.log.file_bytes = bytes(arguments.file_mib);
-  options.log.keep_free_bytes = bytes(arguments.keep_free_mib);
-  options.jpeg_quality = arguments.jpeg_quality;
   return options;
 }
 
@@ -138,7 +125,8 @@ Result<ExitCode> record(const RecordArguments& arguments) {
   const Result<capture::Opener> opener =
       capture::sourceOpener(arguments.source, sourceOptions(arguments, calibration));
   if (!opener) return opener.error();
-  const Result<io::OutputDirectory> writable = io::OutputDirectory::open(arguments.out);
+  const Result<io::OutputDirectory> writable =
+      io::OutputDirectory::open(arguments.record.directory);
   if (!writable) return writable.error();
 
   daemon::StopSignal stop;
@@ -146,7 +134,7 @@ Result<ExitCode> record(const RecordArguments& arguments) {
                         /*for_journal=*/false, "waymark");
   daemon::FrameQueue frames(1);
   daemon::CameraStatus status;
-  daemon::Recorder recorder(recorderOptions(arguments), *files, log);
+  daemon::Recorder recorder(daemon::recorderOptions(arguments.record), *files, log);
   // What is not there now is an error; what fails later comes back.
   Result<std::unique_ptr<capture::FrameSource>> first = (*opener)();
   if (!first) return first.error();
@@ -177,8 +165,8 @@ Result<ExitCode> record(const RecordArguments& arguments) {
   if (!arguments.quiet) {
     std::printf("%llu frames of %llu in %s: %s\n",
                 static_cast<unsigned long long>(counters.at("recorder.events")),
-                static_cast<unsigned long long>(status.counters().frames), arguments.out.c_str(),
-                describe(recorder).c_str());
+                static_cast<unsigned long long>(status.counters().frames),
+                arguments.record.directory.c_str(), describe(recorder).c_str());
   }
   return kDone;
 }
@@ -193,7 +181,7 @@ void addRecordCommand(CLI::App& app, int* exit_code) {
       ->add_option("source", arguments->source,
                    "A camera (v4l2:/dev/video0, libcamera:0), or a recording, played in real time")
       ->required();
-  command->add_option("--out", arguments->out, "Directory for the logs")->required();
+  command->add_option("--out", arguments->record.directory, "Directory for the logs")->required();
   command->add_option("--calibration", arguments->calibration,
                       "The camera's calibration; recorded, too, and says which size to ask for");
   command->add_option("--config", arguments->config,
@@ -211,17 +199,20 @@ void addRecordCommand(CLI::App& app, int* exit_code) {
   command->add_option("--exposure", arguments->exposure_s, "Fixed exposure time, seconds")
       ->check(CLI::PositiveNumber);
   command
-      ->add_option("--jpeg-quality", arguments->jpeg_quality,
+      ->add_option("--jpeg-quality", arguments->record.jpeg_quality,
                    "Compress grey images with this quality, 1 to 100")
       ->check(CLI::Range(1, 100));
-  command->add_option("--file-mib", arguments->file_mib, "MiB of a file, then the next one begins")
+  command
+      ->add_option("--file-mib", arguments->record.file_mib,
+                   "MiB of a file, then the next one begins")
       ->check(CLI::Range(1, 1'000'000));
   command
-      ->add_option("--quota-mib", arguments->quota_mib,
+      ->add_option("--quota-mib", arguments->record.quota_mib,
                    "MiB of all recordings in the directory; the oldest give way")
       ->check(CLI::Range(1, 100'000'000));
   command
-      ->add_option("--keep-free-mib", arguments->keep_free_mib, "MiB of the disk, left to others")
+      ->add_option("--keep-free-mib", arguments->record.keep_free_mib,
+                   "MiB of the disk, left to others")
       ->check(CLI::Range(0, 100'000'000));
   command->add_flag("--quiet", arguments->quiet, "Say nothing but errors");
   command->callback([arguments, exit_code] {
