@@ -13,8 +13,8 @@
 #include "base/image_view.h"
 #include "capture/jpeg_decoder.h"
 #include "capture/recorded_image.h"
-#include "eventlog/log_reader.h"
-#include "eventlog/recording_name.h"
+#include "capture/eventlog/log_reader.h"
+#include "capture/eventlog/recording_name.h"
 
 namespace waymark::capture {
 namespace {

@@ -13,8 +13,8 @@
 #include <opencv2/imgcodecs.hpp>
 
 #include "capture/recorded_image.h"
-#include "eventlog/log_writer.h"
-#include "eventlog/testing_log.h"
+#include "capture/eventlog/log_writer.h"
+#include "capture/eventlog/testing_log.h"
 #include "tests/temporary_directory.h"
 
 namespace waymark::capture {

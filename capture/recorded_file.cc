@@ -4,7 +4,7 @@
 #include <utility>
 
 #include "capture/wire_reader.h"
-#include "eventlog/log_reader.h"
+#include "capture/eventlog/log_reader.h"
 #include <waymark/file_t.hpp>
 
 namespace waymark::capture {

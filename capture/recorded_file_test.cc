@@ -7,7 +7,7 @@
 
 #include <gtest/gtest.h>
 
-#include "eventlog/log_writer.h"
+#include "capture/eventlog/log_writer.h"
 #include "tests/temporary_directory.h"
 
 namespace waymark::capture {

@@ -8,12 +8,12 @@
 #include <vector>
 
 #include "capture/open_source.h"
-#include "daemon/lcm_link.h"
-#include "io/marker_ids.h"
-#include "io/number_text.h"
-#include "io/pose_settings.h"
-#include "io/settings_file.h"
-#include "io/text_file.h"
+#include "daemon/publish/lcm_link.h"
+#include "io/settings/marker_ids.h"
+#include "io/text/number_text.h"
+#include "io/settings/pose_settings.h"
+#include "io/settings/settings_file.h"
+#include "io/text/text_file.h"
 
 namespace waymark::daemon {
 namespace {

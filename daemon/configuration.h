@@ -7,10 +7,10 @@
 
 #include "base/result.h"
 #include "capture/camera_options.h"
-#include "daemon/body_motion.h"
-#include "daemon/log.h"
-#include "daemon/realtime.h"
-#include "io/slam_settings.h"
+#include "daemon/publish/body_motion.h"
+#include "daemon/system/log.h"
+#include "daemon/system/realtime.h"
+#include "io/settings/slam_settings.h"
 #include "slam/geometry/calibration_fit.h"
 
 namespace waymark::daemon {

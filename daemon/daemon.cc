@@ -8,7 +8,7 @@
 
 #include "base/clock.h"
 #include "capture/open_source.h"
-#include "daemon/realtime.h"
+#include "daemon/system/realtime.h"
 #include "slam/slam.h"
 
 namespace waymark::daemon {

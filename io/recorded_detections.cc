@@ -10,9 +10,9 @@
 #include <Eigen/LU>
 
 #include "base/decimal_seconds.h"
-#include "io/number_text.h"
-#include "io/plausible.h"
-#include "io/text_file.h"
+#include "io/text/number_text.h"
+#include "io/text/plausible.h"
+#include "io/text/text_file.h"
 
 namespace waymark::io {
 namespace {

@@ -6,8 +6,8 @@
 
 #include <gtest/gtest.h>
 
-#include "io/calibration_file.h"
-#include "io/text_file.h"
+#include "io/calibrations/calibration_file.h"
+#include "io/text/text_file.h"
 #include "tests/temporary_directory.h"
 
 namespace waymark::io {

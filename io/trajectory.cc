@@ -6,8 +6,8 @@
 #include <string_view>
 
 #include "base/decimal_seconds.h"
-#include "io/number_text.h"
-#include "io/text_file.h"
+#include "io/text/number_text.h"
+#include "io/text/text_file.h"
 
 namespace waymark::io {
 namespace {

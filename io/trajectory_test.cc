@@ -4,7 +4,7 @@
 
 #include <gtest/gtest.h>
 
-#include "io/text_file.h"
+#include "io/text/text_file.h"
 #include "tests/temporary_directory.h"
 
 namespace waymark::io {

@@ -13,7 +13,7 @@
 #include <opencv2/imgcodecs.hpp>
 #include <opencv2/videoio.hpp>
 
-#include "io/text_file.h"
+#include "io/text/text_file.h"
 #include "io/trajectory.h"
 #include "simulator/simulation_json.h"
 #include "simulator/truth_files.h"

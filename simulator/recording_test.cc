@@ -16,7 +16,7 @@
 #include <opencv2/imgproc.hpp>
 #include <opencv2/videoio.hpp>
 
-#include "io/text_file.h"
+#include "io/text/text_file.h"
 #include "io/trajectory.h"
 #include "simulator/truth_files.h"
 #include "slam/detection/marker_detection.h"

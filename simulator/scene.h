@@ -9,7 +9,7 @@
 #include "base/result.h"
 #include "simulator/options.h"
 #include "simulator/trajectory.h"
-#include "slam/detection/dictionary.h"
+#include "slam/detection/codes/dictionary.h"
 #include "slam/geometry/camera_model.h"
 #include "slam/geometry/transform.h"
 

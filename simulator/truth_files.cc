@@ -4,7 +4,7 @@
 #include <set>
 #include <string>
 
-#include "io/calibration_file.h"
+#include "io/calibrations/calibration_file.h"
 #include "simulator/projected_marker.h"
 #include "slam/detection/marker_detection.h"
 

@@ -6,9 +6,9 @@
 #include <vector>
 
 #include "base/result.h"
-#include "io/map_file.h"
+#include "io/maps/map_file.h"
 #include "io/trajectory.h"
-#include "io/visible_markers.h"
+#include "io/maps/visible_markers.h"
 #include "simulator/simulation.h"
 
 namespace waymark::simulator {

@@ -5,7 +5,7 @@
 
 #include <gtest/gtest.h>
 
-#include "slam/detection/marker_follower.h"
+#include "slam/detection/search/marker_follower.h"
 #include "slam/slam.h"
 #include "slam/testing/counting_new.h"
 #include "slam/testing/drawn_marker.h"

@@ -4,7 +4,7 @@
 
 #include <string>
 
-#include "slam/detection/marker_follower.h"
+#include "slam/detection/search/marker_follower.h"
 #include "slam/initialisation/initialiser.h"
 #include "slam/loop_closure/loop_closer.h"
 #include "slam/map/marker_options.h"

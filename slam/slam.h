@@ -10,7 +10,7 @@
 
 #include "base/image_view.h"
 #include "slam/counters.h"
-#include "slam/detection/dictionary.h"
+#include "slam/detection/codes/dictionary.h"
 #include "slam/detection/marker_detection.h"
 #include "slam/frame_time.h"
 #include "slam/geometry/camera_model.h"

@@ -15,7 +15,7 @@
 #include <opencv2/core.hpp>
 
 #include "capture/open_source.h"
-#include "io/calibration_file.h"
+#include "io/calibrations/calibration_file.h"
 #include "simulator/projected_marker.h"
 #include "simulator/simulated_source.h"
 #include "slam/slam.h"

@@ -11,8 +11,8 @@
 #include <nlohmann/json.hpp>
 #include <opencv2/imgcodecs.hpp>
 
-#include "calibration/testing/drawn_board.h"
-#include "io/calibration_file.h"
+#include "tools/calibration/testing/drawn_board.h"
+#include "io/calibrations/calibration_file.h"
 #include "slam/testing/synthetic.h"
 #include "tests/process.h"
 #include "tests/temporary_directory.h"

@@ -10,8 +10,8 @@
 #include <gtest/gtest.h>
 #include <sys/stat.h>
 
-#include "daemon/testing_service_manager.h"
-#include "io/map_file.h"
+#include "daemon/system/testing_service_manager.h"
+#include "io/maps/map_file.h"
 #include "tests/running_daemon.h"
 #include "tests/subscriber.h"
 

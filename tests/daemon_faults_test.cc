@@ -18,7 +18,7 @@
 #include <sys/un.h>
 
 #include "base/unique_fd.h"
-#include "io/map_file.h"
+#include "io/maps/map_file.h"
 #include "tests/running_daemon.h"
 #include "tests/subscriber.h"
 

@@ -11,14 +11,14 @@
 
 #include <gtest/gtest.h>
 
-#include "io/map_file.h"
+#include "io/maps/map_file.h"
 #include "io/trajectory.h"
 #include "slam/detection/marker_detection.h"
 #include "tests/multicast.h"
 #include "tests/process.h"
 #include "tests/subscriber.h"
 #include "tests/temporary_directory.h"
-#include "tools/evaluation.h"
+#include "tools/evaluation/evaluation.h"
 
 namespace waymark::testing {
 namespace {

@@ -9,8 +9,8 @@
 #include <gtest/gtest.h>
 #include <nlohmann/json.hpp>
 
-#include "io/calibration_file.h"
-#include "io/map_file.h"
+#include "io/calibrations/calibration_file.h"
+#include "io/maps/map_file.h"
 #include "tests/process.h"
 #include "tests/synthetic_recording.h"
 #include "tests/temporary_directory.h"

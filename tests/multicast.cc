@@ -5,7 +5,7 @@
 
 #include <sched.h>
 
-#include "daemon/lcm_link.h"
+#include "daemon/publish/lcm_link.h"
 
 namespace waymark::testing {
 

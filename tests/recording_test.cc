@@ -22,9 +22,9 @@
 
 #include "capture/log_source.h"
 #include "capture/recorded_image.h"
-#include "eventlog/log_reader.h"
-#include "eventlog/log_writer.h"
-#include "io/calibration_file.h"
+#include "capture/eventlog/log_reader.h"
+#include "capture/eventlog/log_writer.h"
+#include "io/calibrations/calibration_file.h"
 #include "io/trajectory.h"
 #include "slam/slam.h"
 #include "tests/multicast.h"

@@ -11,7 +11,7 @@
 #include <opencv2/imgcodecs.hpp>
 #include <opencv2/videoio.hpp>
 
-#include "io/calibration_file.h"
+#include "io/calibrations/calibration_file.h"
 #include "tests/process.h"
 #include "tests/temporary_directory.h"
 

@@ -4,10 +4,10 @@
 
 #include <CLI/CLI.hpp>
 
-#include "io/number_text.h"
-#include "io/settings_file.h"
-#include "io/slam_settings.h"
-#include "io/text_file.h"
+#include "io/text/number_text.h"
+#include "io/settings/settings_file.h"
+#include "io/settings/slam_settings.h"
+#include "io/text/text_file.h"
 
 namespace waymark::tools {
 namespace {

@@ -8,7 +8,7 @@
 #include <CLI/App.hpp>
 
 #include "base/result.h"
-#include "calibration/board.h"
+#include "tools/calibration/board.h"
 
 namespace waymark::tools {
 

@@ -9,10 +9,10 @@
 #include <opencv2/imgcodecs.hpp>
 
 #include "base/image_view.h"
-#include "calibration/report_picture.h"
-#include "io/calibration_file.h"
-#include "io/number_text.h"
-#include "io/ros_calibration.h"
+#include "tools/calibration/report_picture.h"
+#include "io/calibrations/calibration_file.h"
+#include "io/text/number_text.h"
+#include "io/calibrations/ros_calibration.h"
 
 namespace waymark::tools {
 namespace {

@@ -6,7 +6,7 @@
 #include <string>
 
 #include "base/result.h"
-#include "io/json_node.h"
+#include "io/text/json_node.h"
 
 namespace waymark::tools {
 

@@ -8,8 +8,8 @@
 
 #include <CLI/CLI.hpp>
 
-#include "io/json_node.h"
-#include "io/number_text.h"
+#include "io/text/json_node.h"
+#include "io/text/number_text.h"
 #include "tools/control_client.h"
 #include "tools/exit_code.h"
 

@@ -12,15 +12,15 @@
 
 #include "base/clock.h"
 #include "daemon/configuration.h"
-#include "daemon/lcm_link.h"
-#include "daemon/status_name.h"
-#include "daemon/stop_signal.h"
-#include "io/map_file.h"
-#include "io/map_picture.h"
+#include "daemon/publish/lcm_link.h"
+#include "daemon/health/status_name.h"
+#include "daemon/control/stop_signal.h"
+#include "io/maps/map_file.h"
+#include "io/maps/map_picture.h"
 #include "io/trajectory.h"
 #include "slam/geometry/transform.h"
 #include "tools/exit_code.h"
-#include "tools/live_map.h"
+#include "tools/maps/live_map.h"
 #include "tools/pose_stream.h"
 #include <waymark/health_t.hpp>
 #include <waymark/map_t.hpp>

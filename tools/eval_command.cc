@@ -12,16 +12,16 @@
 #include <CLI/CLI.hpp>
 
 #include "base/decimal_seconds.h"
-#include "io/calibration_file.h"
-#include "io/map_file.h"
-#include "io/map_picture.h"
-#include "io/number_text.h"
+#include "io/calibrations/calibration_file.h"
+#include "io/maps/map_file.h"
+#include "io/maps/map_picture.h"
+#include "io/text/number_text.h"
 #include "io/recorded_detections.h"
 #include "io/trajectory.h"
-#include "io/visible_markers.h"
-#include "tools/accuracy_limit.h"
+#include "io/maps/visible_markers.h"
+#include "tools/evaluation/accuracy_limit.h"
 #include "tools/eval_report.h"
-#include "tools/evaluation.h"
+#include "tools/evaluation/evaluation.h"
 #include "tools/exit_code.h"
 
 namespace waymark::tools {

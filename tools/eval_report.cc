@@ -4,7 +4,7 @@
 
 #include <nlohmann/json.hpp>
 
-#include "io/number_text.h"
+#include "io/text/number_text.h"
 
 namespace waymark::tools {
 namespace {

@@ -4,8 +4,8 @@
 #include <optional>
 #include <string>
 
-#include "tools/accuracy_limit.h"
-#include "tools/evaluation.h"
+#include "tools/evaluation/accuracy_limit.h"
+#include "tools/evaluation/evaluation.h"
 
 namespace waymark::tools {
 

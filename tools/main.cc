@@ -5,7 +5,7 @@
 
 #include <CLI/CLI.hpp>
 
-#include "io/number_text.h"
+#include "io/text/number_text.h"
 #include "tools/calibrate_command.h"
 #include "tools/cameras_command.h"
 #include "tools/ctl_command.h"

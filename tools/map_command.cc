@@ -10,20 +10,20 @@
 
 #include <CLI/CLI.hpp>
 
-#include "io/aruco_map.h"
-#include "io/map_file.h"
-#include "io/number_text.h"
-#include "io/ply_map.h"
-#include "io/posed_markers.h"
-#include "io/slam_settings.h"
-#include "io/tagslam_map.h"
-#include "io/text_file.h"
+#include "io/maps/aruco_map.h"
+#include "io/maps/map_file.h"
+#include "io/text/number_text.h"
+#include "io/maps/ply_map.h"
+#include "io/maps/posed_markers.h"
+#include "io/settings/slam_settings.h"
+#include "io/maps/tagslam_map.h"
+#include "io/text/text_file.h"
 #include "io/trajectory.h"
-#include "io/wpilib_map.h"
+#include "io/maps/wpilib_map.h"
 #include "slam/options.h"
 #include "tools/exit_code.h"
-#include "tools/map_info.h"
-#include "tools/map_merge.h"
+#include "tools/maps/map_info.h"
+#include "tools/maps/map_merge.h"
 
 namespace waymark::tools {
 namespace {

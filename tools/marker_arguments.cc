@@ -4,8 +4,8 @@
 
 #include <CLI/CLI.hpp>
 
-#include "io/marker_ids.h"
-#include "io/number_text.h"
+#include "io/settings/marker_ids.h"
+#include "io/text/number_text.h"
 
 namespace waymark::tools {
 namespace {

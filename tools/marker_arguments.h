@@ -7,7 +7,7 @@
 #include <CLI/App.hpp>
 
 #include "base/result.h"
-#include "io/slam_settings.h"
+#include "io/settings/slam_settings.h"
 
 namespace waymark::tools {
 

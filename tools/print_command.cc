@@ -9,11 +9,11 @@
 
 #include <CLI/CLI.hpp>
 
-#include "io/marker_ids.h"
-#include "io/slam_settings.h"
-#include "io/text_file.h"
-#include "printing/board_sheet.h"
-#include "printing/marker_sheets.h"
+#include "io/settings/marker_ids.h"
+#include "io/settings/slam_settings.h"
+#include "io/text/text_file.h"
+#include "tools/printing/board_sheet.h"
+#include "tools/printing/marker_sheets.h"
 #include "tools/board_arguments.h"
 #include "tools/exit_code.h"
 

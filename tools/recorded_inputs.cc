@@ -4,7 +4,7 @@
 #include <vector>
 
 #include "capture/log_source.h"
-#include "io/calibration_file.h"
+#include "io/calibrations/calibration_file.h"
 
 namespace waymark::tools {
 

@@ -6,7 +6,7 @@
 
 #include "base/result.h"
 #include "capture/recorded_file.h"
-#include "io/slam_settings.h"
+#include "io/settings/slam_settings.h"
 #include "slam/geometry/camera_model.h"
 
 namespace waymark::tools {

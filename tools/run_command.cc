@@ -14,15 +14,15 @@
 #include <CLI/CLI.hpp>
 #include <opencv2/core.hpp>
 
-#include "daemon/stop_signal.h"
-#include "io/calibration_file.h"
-#include "io/map_file.h"
-#include "io/map_picture.h"
-#include "io/number_text.h"
-#include "io/old_map.h"
+#include "daemon/control/stop_signal.h"
+#include "io/calibrations/calibration_file.h"
+#include "io/maps/map_file.h"
+#include "io/maps/map_picture.h"
+#include "io/text/number_text.h"
+#include "io/maps/old_map.h"
 #include "io/recorded_detections.h"
-#include "io/slam_settings.h"
-#include "io/text_file.h"
+#include "io/settings/slam_settings.h"
+#include "io/text/text_file.h"
 #include "slam/slam.h"
 #include "tools/exit_code.h"
 #include "tools/marker_arguments.h"

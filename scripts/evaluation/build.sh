@@ -1,6 +1,6 @@
 # Sourced by scripts/evaluate and scripts/bench; needs $work (scratch).
 
-# build TARGET...: of the release, with bench/. Prints only what failed.
+# build TARGET...: of the release, with tests/bench/. Prints only what failed.
 build() {
   cmake --preset release -DWAYMARK_BENCH=ON > /dev/null
   cmake --build --preset release --target "$@" > "$work/build.log" ||

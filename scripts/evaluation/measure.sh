@@ -86,7 +86,7 @@ measure_corners() {
 measure_long() {
   local arguments
   mapfile -t arguments < <(jq -r '.arguments[]' <<< "$1")
-  build/release/bench/long_run "${arguments[@]}" --json "$work/long.json" >&2
+  build/release/tests/bench/long_run "${arguments[@]}" --json "$work/long.json" >&2
   jq -n --argjson run "$1" --argjson made "$(provenance)" --slurpfile reports "$work/long.json" \
     '{run: $run.name, made: $made, reports: $reports[0]}' | write_json "$2"
 }

@@ -7,7 +7,7 @@ cache="${XDG_CACHE_HOME:-$HOME/.cache}/waymark/sequences"
 renderer_version() {
   {
     find simulator -name '*.cc' -o -name '*.h' | grep -v -e '_test\.cc$' -e /testing/ -e /live_source -e /observed_corners -e /projected_marker -e /truth_files -e /simulation_json
-    ls slam/detection/dictionary*.cc slam/detection/dictionary*.h | grep -v _test
+    ls slam/detection/codes/dictionary*.cc slam/detection/codes/dictionary*.h | grep -v _test
     ls slam/detection/marker_detection.h slam/geometry/camera_model.* slam/geometry/transform.h | grep -v _test
     echo cmake/WaymarkBuild.cmake
   } | LC_ALL=C sort | xargs sha256sum | sha256sum | cut -c1-12

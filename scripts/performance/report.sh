@@ -42,7 +42,7 @@ END
     printf '```\n'
   fi
   if [[ -f $measured/clutter.txt ]]; then
-    printf '\nThe same on clutter (`bench/clutter.h`): squares, frames, grids, chessboards, writing, and not a\nsingle marker:\n\n```\n'
+    printf '\nThe same on clutter (`tests/bench/clutter.h`): squares, frames, grids, chessboards, writing, and not a\nsingle marker:\n\n```\n'
     cat "$measured/clutter.txt"
     printf '```\n'
   fi

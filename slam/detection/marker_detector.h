@@ -8,13 +8,13 @@
 #include <vector>
 
 #include "base/image_view.h"
-#include "slam/detection/dictionary.h"
-#include "slam/detection/edge_refiner.h"
-#include "slam/detection/marker_decoder.h"
+#include "slam/detection/codes/dictionary.h"
+#include "slam/detection/edges/edge_refiner.h"
+#include "slam/detection/codes/marker_decoder.h"
 #include "slam/detection/marker_detection.h"
-#include "slam/detection/quad_scanner.h"
-#include "slam/detection/reduced_image.h"
-#include "slam/detection/window.h"
+#include "slam/detection/quads/quad_scanner.h"
+#include "slam/detection/search/reduced_image.h"
+#include "slam/detection/search/window.h"
 #include "slam/geometry/camera_model.h"
 
 namespace waymark::slam {

@@ -1,7 +1,7 @@
 // A marker's print painted into a grey picture, with sharp edges.
 #pragma once
 
-#include "slam/detection/dictionary.h"
+#include "slam/detection/codes/dictionary.h"
 #include "slam/testing/picture.h"
 
 namespace waymark::slam::testing {

@@ -4,7 +4,7 @@
 #include <span>
 #include <vector>
 
-#include "slam/detection/marker_follower.h"
+#include "slam/detection/search/marker_follower.h"
 #include "slam/geometry/transform.h"
 #include "slam/map/map.h"
 

@@ -5,8 +5,8 @@
 #include <cstdint>
 #include <limits>
 
-#include "io/calibration_file.h"
-#include "io/ros_calibration.h"
+#include "io/calibrations/calibration_file.h"
+#include "io/calibrations/ros_calibration.h"
 #include "slam/geometry/camera_model.h"
 #include "tests/fuzz/fuzz_target.h"
 

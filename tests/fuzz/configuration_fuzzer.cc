@@ -1,7 +1,7 @@
 // The daemon's configuration, and the settings of waymark run, which are a part of it.
 #include "daemon/configuration.h"
-#include "io/settings_file.h"
-#include "io/slam_settings.h"
+#include "io/settings/settings_file.h"
+#include "io/settings/slam_settings.h"
 #include "tests/fuzz/fuzz_target.h"
 
 using namespace waymark;

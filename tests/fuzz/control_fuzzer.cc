@@ -1,7 +1,7 @@
 // Requests to the control socket, a line each. Whatever comes is a request or an error, and the
 // error can be sent back.
-#include "daemon/control_request.h"
-#include "io/json_node.h"
+#include "daemon/control/control_request.h"
+#include "io/text/json_node.h"
 #include "tests/fuzz/fuzz_target.h"
 
 using namespace waymark;

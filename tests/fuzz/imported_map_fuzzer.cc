@@ -1,9 +1,9 @@
 // Maps of other programs: ArUco, TagSLAM, WPILib. What can be imported makes a map file that reads
 // back.
-#include "io/aruco_map.h"
-#include "io/map_file.h"
-#include "io/tagslam_map.h"
-#include "io/wpilib_map.h"
+#include "io/maps/aruco_map.h"
+#include "io/maps/map_file.h"
+#include "io/maps/tagslam_map.h"
+#include "io/maps/wpilib_map.h"
 #include "tests/fuzz/fuzz_target.h"
 
 using namespace waymark;

@@ -8,7 +8,7 @@
 #include "base/unique_fd.h"
 #include "capture/log_source.h"
 #include "capture/recorded_file.h"
-#include "eventlog/log_reader.h"
+#include "capture/eventlog/log_reader.h"
 #include "tests/fuzz/fuzz_target.h"
 
 using namespace waymark;

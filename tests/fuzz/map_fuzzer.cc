@@ -5,7 +5,7 @@
 #include <string>
 #include <vector>
 
-#include "io/map_file.h"
+#include "io/maps/map_file.h"
 #include "slam/slam.h"
 #include "tests/fuzz/fuzz_target.h"
 

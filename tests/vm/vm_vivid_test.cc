@@ -18,7 +18,7 @@
 
 #include "base/clock.h"
 #include "capture/open_source.h"
-#include "io/calibration_file.h"
+#include "io/calibrations/calibration_file.h"
 #include "simulator/simulation.h"
 #include "tests/multicast.h"
 #include "tests/process.h"

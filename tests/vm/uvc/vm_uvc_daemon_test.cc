@@ -16,7 +16,7 @@
 #include <gtest/gtest.h>
 
 #include "base/clock.h"
-#include "io/calibration_file.h"
+#include "io/calibrations/calibration_file.h"
 #include "tests/multicast.h"
 #include "tests/process.h"
 #include "tests/subscriber.h"

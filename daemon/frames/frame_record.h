@@ -1,0 +1,54 @@
+// What the SLAM loop tells the publisher about one frame: plain data of fixed size, so that handing
+// it over allocates nothing.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <optional>
+#include <vector>
+
+#include <Eigen/Core>
+
+#include "capture/frame.h"
+#include "daemon/frames/stage_clock.h"
+#include "slam/slam.h"
+
+namespace waymark::daemon {
+
+struct SeenMarker {
+  int id = -1;
+  int hamming = 0;
+  std::array<Eigen::Vector2d, 4> pixels;  // as in slam::MarkerDetection
+};
+
+struct FrameRecord {
+  // As many as fit in one message of 60 kB with room to spare, and more than any picture shows.
+  static constexpr int kMaxSeen = 256;
+
+  capture::FrameStamp stamp;
+  slam::TrackingState state = slam::TrackingState::kInitializing;
+  const char* reason = "";  // static text
+  std::optional<slam::PoseEstimate> pose;
+  std::int64_t processing_ns = 0;  // from leaving the queue to this record
+  // What took longest, when processing took longer than the time between frames.
+  std::optional<FrameStage> missed_deadline_in;
+  slam::Counters counters;  // as they stood after this frame
+
+  int seen = 0;  // may be larger than kMaxSeen; then the rest is not in `markers`
+  std::array<SeenMarker, kMaxSeen> markers;
+};
+
+// The map as the publisher needs it. Its vector keeps its memory from one use to the next.
+struct MapSnapshot {
+  struct Marker {
+    int id = -1;
+    double size_m = 0.0;
+    slam::Transform T_w_m;
+  };
+
+  capture::FrameStamp stamp;  // of the frame after which the map was like this
+  int keyframe_count = 0;
+  std::vector<Marker> markers;
+};
+
+}  // namespace waymark::daemon

@@ -1,0 +1,101 @@
+// The SLAM thread of the daemon takes no memory from the heap once it tracks steadily: frames of a
+// simulated camera through the real queue and loop, with a counting operator new.
+#include <chrono>
+#include <memory>
+#include <thread>
+#include <utility>
+#include <variant>
+
+#include <gtest/gtest.h>
+
+#include "daemon/frames/camera_status.h"
+#include "daemon/frames/slam_errands.h"
+#include "daemon/frames/slam_loop.h"
+#include "simulator/live_source.h"
+#include "slam/testing/counting_new.h"
+
+namespace waymark::daemon {
+namespace {
+
+using waymark::testing::allocations;
+
+// A camera, a SLAM loop on its own thread, and nobody else.
+class Loop {
+ public:
+  Loop(simulator::LiveSimulatedSource& camera, slam::Options options, slam::Map map)
+      : camera_(camera),
+        errands_(frames_),
+        slam_loop_(std::make_unique<slam::Slam>(slam::CameraModel(camera.camera()),
+                                                *slam::Dictionary::byName("ARUCO_MIP_36h12"),
+                                                options, std::move(map)),
+                   frames_, status_, errands_, output_),
+        thread_([this] { slam_loop_.run(); }) {}
+  ~Loop() { close(); }
+  Loop(const Loop&) = delete;
+  Loop& operator=(const Loop&) = delete;
+
+  // Frames that got a pose.
+  int feed(int frames) {
+    int localised = 0;
+    FrameRecord record;
+    for (int i = 0; i < frames; ++i) {
+      capture::ReadResult read = camera_.read(std::chrono::seconds(2));
+      if (auto* const frame = std::get_if<capture::FramePtr>(&read))
+        frames_.push(std::move(*frame));
+      while (output_.records.try_dequeue(record)) localised += record.pose ? 1 : 0;
+    }
+    return localised;
+  }
+  // By the SLAM thread, up to now.
+  int allocated() {
+    int count = -1;
+    EXPECT_TRUE(errands_.run([&](auto&) { count = allocations; }));
+    return count;
+  }
+  slam::Map close() {
+    if (!thread_.joinable()) return {};
+    frames_.close();
+    thread_.join();
+    return slam_loop_.slam().map();
+  }
+
+ private:
+  simulator::LiveSimulatedSource& camera_;
+  FrameQueue frames_{4};
+  SlamErrands errands_;
+  CameraStatus status_;
+  SlamOutput output_;
+  SlamLoop slam_loop_;
+  std::thread thread_;
+};
+
+TEST(SlamLoopAllocation, SteadyTrackingTakesNone) {
+  simulator::LiveOptions options;
+  options.simulation.scene = "walls";
+  options.simulation.dictionary = "ARUCO_MIP_36h12";
+  options.simulation.marker_size_m = 0.2;
+  options.simulation.size = {320, 240};
+  options.simulation.rate_hz = 60.0;
+  options.loop_s = 1.0;
+  const auto camera = simulator::openLive(options);
+  ASSERT_TRUE(camera) << camera.error().message;
+
+  slam::Options slam_options;
+  slam_options.markers.size_m = 0.2;
+  slam::Map map;
+  {
+    Loop mapping(**camera, slam_options, {});
+    EXPECT_GT(mapping.feed(120), 60);
+    EXPECT_GT(mapping.allocated(), 0) << "a map has to be somewhere";
+    map = mapping.close();
+  }
+  slam_options.mapping = false;
+  Loop localising(**camera, slam_options, std::move(map));
+  EXPECT_GT(localising.feed(90), 45);
+  const int before = localising.allocated();
+  EXPECT_GT(localising.feed(120), 60);
+  EXPECT_EQ(localising.allocated(), before);
+}
+
+}  // namespace
+}  // namespace waymark::daemon

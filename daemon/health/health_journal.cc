@@ -1,0 +1,57 @@
+#include "daemon/health/health_journal.h"
+
+#include <algorithm>
+#include <array>
+#include <string_view>
+
+#include "daemon/health/status_name.h"
+
+namespace waymark::daemon {
+namespace {
+
+// Counters that count what should not happen.
+bool isFault(std::string_view counter) {
+  constexpr std::array<std::string_view, 7> kPrefixes = {
+      "dropped.",      "deadline.",     "unsent.",        "camera.silences",
+      "map.save_fail", "recorder.lost", "recorder.pauses"};
+  return std::ranges::any_of(kPrefixes, [&](auto prefix) { return counter.starts_with(prefix); });
+}
+
+}  // namespace
+
+HealthJournal::News HealthJournal::news(const health_t& health) {
+  News news;
+  std::string state = describeState(health);
+  if (state != told_state_ && health.monotonic_ns >= next_state_ns_) {
+    news.state = state;
+    told_state_ = std::move(state);
+    next_state_ns_ = health.monotonic_ns + options_.state_pause_ns;
+  }
+  if (health.monotonic_ns >= next_faults_ns_) {
+    news.faults = grownFaults(health);
+    if (!news.faults.empty()) next_faults_ns_ = health.monotonic_ns + options_.faults_pause_ns;
+  }
+  return news;
+}
+
+std::string HealthJournal::describeState(const health_t& health) {
+  std::string text = statusName(health.status);
+  if (!health.reason.empty()) text += ": " + health.reason;
+  return text;
+}
+
+std::string HealthJournal::grownFaults(const health_t& health) {
+  std::string text;
+  for (const counter_t& counter : health.counters) {
+    if (!isFault(counter.name)) continue;
+    std::int64_t& told = told_faults_[counter.name];
+    if (counter.value > told) {
+      text += (text.empty() ? "" : ", ") + counter.name + " +" +
+              std::to_string(counter.value - told) + " (" + std::to_string(counter.value) + ")";
+    }
+    told = counter.value;
+  }
+  return text;
+}
+
+}  // namespace waymark::daemon

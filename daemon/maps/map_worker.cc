@@ -1,0 +1,217 @@
+#include "daemon/maps/map_worker.h"
+
+#include <chrono>
+#include <system_error>
+#include <utility>
+
+#include "base/clock.h"
+
+namespace waymark::daemon {
+namespace {
+
+namespace fs = std::filesystem;
+
+const Error kStopping{"the daemon is stopping"};
+
+}  // namespace
+
+MapWorker::MapWorker(io::SlamSettings settings, const slam::Calibration& camera,
+                     SlamErrands& errands, const SlamOutput& output, const Log& log)
+    : settings_(std::move(settings)),
+      camera_(camera),
+      errands_(errands),
+      output_(output),
+      log_(log),
+      interval_s_(settings_.map.save_interval_s),
+      last_attempt_(Clock::now()) {}
+
+void MapWorker::submit(Request request) {
+  {
+    const std::lock_guard lock(mutex_);
+    if (!stop_) {
+      requests_.push_back(std::move(request));
+      wake_.notify_one();
+      return;
+    }
+  }
+  request.done(kStopping);
+}
+
+void MapWorker::setSaveInterval(int seconds) {
+  const std::lock_guard lock(mutex_);
+  interval_s_ = seconds;
+  wake_.notify_one();
+}
+
+int MapWorker::saveInterval() const {
+  const std::lock_guard lock(mutex_);
+  return interval_s_;
+}
+
+void MapWorker::run() {
+  while (std::optional<Request> request = next()) {
+    if (request->done) {
+      request->done(perform(*request));
+    } else {
+      saveByItself();
+    }
+  }
+}
+
+void MapWorker::requestStop() {
+  std::deque<Request> left;
+  {
+    const std::lock_guard lock(mutex_);
+    stop_ = true;
+    left.swap(requests_);
+    wake_.notify_one();
+  }
+  for (const Request& request : left) request.done(kStopping);
+}
+
+// The next request, or one that nobody made when it is time to save; empty at the end.
+std::optional<MapWorker::Request> MapWorker::next() {
+  std::unique_lock lock(mutex_);
+  while (!stop_) {
+    if (!requests_.empty()) {
+      Request request = std::move(requests_.front());
+      requests_.pop_front();
+      return request;
+    }
+    const bool by_itself = interval_s_ > 0 && !settings_.map.out.empty();
+    const auto due = last_attempt_ + std::chrono::seconds(interval_s_);
+    if (!by_itself) {
+      wake_.wait(lock);
+    } else if (Clock::now() >= due) {
+      last_attempt_ = Clock::now();
+      const bool has_map = output_.map_markers.load(std::memory_order_relaxed) > 0;
+      if (has_map && changed()) return Request{};
+    } else {
+      wake_.wait_until(lock, due);
+    }
+  }
+  return std::nullopt;
+}
+
+void MapWorker::saveByItself() {
+  const Result<std::string> saved = saveNow();
+  if (!saved) {
+    log_.warning(saved.error().message + "; trying again later");
+  } else {
+    log_.debug(*saved);
+  }
+}
+
+Result<std::string> MapWorker::perform(const Request& request) {
+  switch (request.job) {
+    case Job::kSave:
+      return saveNow();
+    case Job::kLoad:
+      return loadNow(request.file);
+    case Job::kReset:
+      return resetNow();
+  }
+  return kStopping;
+}
+
+Result<std::string> MapWorker::saveNow() {
+  if (settings_.map.localise_only) return Error{"with slam.localize_only no map is written"};
+  if (settings_.map.out.empty()) return Error{"slam.map_out is not configured"};
+  slam::Map map;
+  double readout_s = 0.0;
+  std::uint64_t revision = 0;
+  std::int64_t copying_ns = 0;
+  const bool copied = errands_.run([&](const std::unique_ptr<slam::Slam>& slam) {
+    const std::int64_t begin_ns = monotonicNs();
+    map = slam->map();
+    copying_ns = monotonicNs() - begin_ns;
+    readout_s = slam->readout_s();
+    revision = output_.map_revision.load(std::memory_order_relaxed);
+  });
+  if (!copied) return kStopping;
+  log_.debug("copying the map took the SLAM loop " + std::to_string(copying_ns / 1000) + " us");
+  if (map.empty()) return Error{"there is no map to save"};
+  Result<std::string> saved = saveCopy(std::move(map), readout_s);
+  noteSave(saved, revision);
+  return saved;
+}
+
+// The global optimisation is the SLAM's own, of a SLAM that will see no frames.
+Result<std::string> MapWorker::saveCopy(slam::Map map, double readout_s) const {
+  const auto slam = makeSlam(settings_, camera_, settings_.options, std::move(map));
+  slam->optimiseGlobally();
+  return writeMap(settings_, slam->map(), camera_, readout_s);
+}
+
+Result<std::string> MapWorker::loadNow(const fs::path& asked) {
+  const io::MapSettings& map = settings_.map;
+  const fs::path& file = !asked.empty() ? asked : !map.in.empty() ? map.in : map.out;
+  Result<std::string> loaded = Error{"no file is named, and none is configured"};
+  std::error_code error;
+  if (fs::exists(file, error) && !fs::is_regular_file(file, error)) {
+    loaded = Error{file.string() + ": is not a file"};
+  } else if (!file.empty()) {
+    Result<StartMap> start = readOtherMap(file, settings_, camera_);
+    loaded = start ? goOnWith(std::move(start).value()) : Result<std::string>(start.error());
+  }
+  (loaded ? loads_ : load_failures_).fetch_add(1, std::memory_order_relaxed);
+  return loaded;
+}
+
+Result<std::string> MapWorker::resetNow() {
+  if (settings_.map.localise_only) return Error{"with slam.localize_only the map stays as it is"};
+  StartMap nothing;
+  nothing.options = settings_.options;
+  nothing.notes.emplace_back("beginning a new map");
+  Result<std::string> reset = goOnWith(std::move(nothing));
+  if (reset) resets_.fetch_add(1, std::memory_order_relaxed);
+  return reset;
+}
+
+// The SLAM that was is destroyed here, too.
+Result<std::string> MapWorker::goOnWith(StartMap start) {
+  auto slam = makeSlam(settings_, camera_, start.options, std::move(start.map));
+  if (!errands_.run([&](std::unique_ptr<slam::Slam>& running) { running.swap(slam); })) {
+    return kStopping;
+  }
+  for (const std::string& warning : start.warnings) log_.warning(warning);
+  for (const std::string& note : start.notes) log_.info(note);
+  return start.notes.back();
+}
+
+void MapWorker::noteSave(const Result<std::string>& outcome, std::uint64_t revision) {
+  (outcome ? saves_ : save_failures_).fetch_add(1, std::memory_order_relaxed);
+  const std::lock_guard lock(mutex_);
+  last_save_ = outcome ? *outcome : outcome.error().message;
+  last_attempt_ = Clock::now();
+  if (!outcome) return;
+  saved_ns_ = monotonicNs();
+  saved_revision_ = revision;
+}
+
+bool MapWorker::changed() const {
+  return output_.map_revision.load(std::memory_order_relaxed) != saved_revision_;
+}
+
+Result<std::string> MapWorker::saveAtEnd(slam::Slam& slam) {
+  const std::uint64_t revision = output_.map_revision.load(std::memory_order_relaxed);
+  if (settings_.map.out.empty() || (saved_ns_ != 0 && !changed())) return std::string();
+  Result<std::string> saved = saveMap(settings_, slam);
+  noteSave(saved, revision);
+  return saved;
+}
+
+MapWorker::Report MapWorker::report() const {
+  const std::lock_guard lock(mutex_);
+  return {last_save_, saved_ns_, changed()};
+}
+
+void MapWorker::tellCounters(const CounterSink& sink) const {
+  sink("map.saves", saves_.load(std::memory_order_relaxed));
+  sink("map.save_failures", save_failures_.load(std::memory_order_relaxed));
+  sink("map.loads", loads_.load(std::memory_order_relaxed));
+  sink("map.load_failures", load_failures_.load(std::memory_order_relaxed));
+  sink("map.resets", resets_.load(std::memory_order_relaxed));
+}
+
+}  // namespace waymark::daemon

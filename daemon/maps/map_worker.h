@@ -1,0 +1,110 @@
+// The thread for what takes long with maps: optimising and writing them, reading others. The SLAM
+// loop only gives it a copy of the map, or takes a whole SLAM from it.
+#pragma once
+
+#include <atomic>
+#include <chrono>
+#include <condition_variable>
+#include <cstdint>
+#include <deque>
+#include <filesystem>
+#include <functional>
+#include <memory>
+#include <mutex>
+#include <optional>
+#include <string>
+#include <utility>
+
+#include "base/result.h"
+#include "daemon/health/counter_source.h"
+#include "daemon/system/log.h"
+#include "daemon/maps/map_keeper.h"
+#include "daemon/frames/slam_errands.h"
+#include "daemon/frames/slam_loop.h"
+#include "io/settings/slam_settings.h"
+#include "slam/geometry/camera_model.h"
+
+namespace waymark::daemon {
+
+class MapWorker {
+ public:
+  struct Report {
+    std::string last_save;      // what became of it; empty before the first
+    std::int64_t saved_ns = 0;  // monotonic time of the last save that succeeded; 0: none did
+    bool changed = false;       // since then
+  };
+
+  MapWorker(io::SlamSettings settings, const slam::Calibration& camera, SlamErrands& errands,
+            const SlamOutput& output, const Log& log);
+
+  // Told what came of a job, one line, on the worker's thread.
+  using Done = std::function<void(const Result<std::string>&)>;
+  // Any thread; one after the other. What fails leaves everything as it was.
+  void save(Done done) { submit({Job::kSave, {}, std::move(done)}); }
+  // Goes on with the map in the file; an empty name means that of the configuration.
+  void load(std::filesystem::path file, Done done) {
+    submit({Job::kLoad, std::move(file), std::move(done)});
+  }
+  // Begins a new map.
+  void reset(Done done) { submit({Job::kReset, {}, std::move(done)}); }
+
+  // Any thread. 0: only when asked.
+  void setSaveInterval(int seconds);
+  [[nodiscard]] int saveInterval() const;
+  [[nodiscard]] Report report() const;
+  // Names begin with "map.".
+  void tellCounters(const CounterSink& sink) const;
+
+  // The thread's body: returns after requestStop(), when the job under way is done.
+  void run();
+  void requestStop();
+  // The last save, in the caller's thread, once the SLAM loop and this one's have ended: of what
+  // has changed since the one before. Empty when there is nothing to say.
+  [[nodiscard]] Result<std::string> saveAtEnd(slam::Slam& slam);
+
+ private:
+  enum class Job { kSave, kLoad, kReset };
+  struct Request {
+    Job job = Job::kSave;
+    std::filesystem::path file;
+    Done done;
+  };
+  using Clock = std::chrono::steady_clock;
+
+  void submit(Request request);
+  [[nodiscard]] std::optional<Request> next();
+  void saveByItself();
+  [[nodiscard]] Result<std::string> perform(const Request& request);
+  [[nodiscard]] Result<std::string> saveNow();
+  [[nodiscard]] Result<std::string> saveCopy(slam::Map map, double readout_s) const;
+  [[nodiscard]] Result<std::string> loadNow(const std::filesystem::path& asked);
+  [[nodiscard]] Result<std::string> resetNow();
+  [[nodiscard]] Result<std::string> goOnWith(StartMap start);
+  void noteSave(const Result<std::string>& outcome, std::uint64_t revision);
+  // Since the last save, or the start. Precondition: the lock is held, or there is one thread.
+  [[nodiscard]] bool changed() const;
+
+  const io::SlamSettings settings_;
+  const slam::Calibration camera_;
+  SlamErrands& errands_;
+  const SlamOutput& output_;
+  const Log& log_;
+
+  mutable std::mutex mutex_;
+  std::condition_variable wake_;
+  std::deque<Request> requests_;
+  bool stop_ = false;
+  int interval_s_;
+  Clock::time_point last_attempt_;
+  std::string last_save_;
+  std::int64_t saved_ns_ = 0;
+  std::uint64_t saved_revision_ = 0;
+
+  std::atomic<std::uint64_t> saves_{0};
+  std::atomic<std::uint64_t> save_failures_{0};
+  std::atomic<std::uint64_t> loads_{0};
+  std::atomic<std::uint64_t> load_failures_{0};
+  std::atomic<std::uint64_t> resets_{0};
+};
+
+}  // namespace waymark::daemon

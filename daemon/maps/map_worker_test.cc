@@ -1,0 +1,258 @@
+#include "daemon/maps/map_worker.h"
+
+#include <chrono>
+#include <filesystem>
+#include <functional>
+#include <future>
+#include <map>
+#include <memory>
+#include <optional>
+#include <random>
+#include <string>
+#include <thread>
+#include <utility>
+
+#include <gtest/gtest.h>
+
+#include "capture/frame.h"
+#include "io/maps/map_file.h"
+#include "io/text/text_file.h"
+#include "slam/testing/synthetic.h"
+#include "tests/temporary_directory.h"
+
+namespace waymark::daemon {
+namespace {
+
+namespace fs = std::filesystem;
+using std::chrono::milliseconds;
+
+constexpr double kSize_m = 0.2;
+
+// A SLAM loop that begins with a map of eight markers and gets blank frames.
+class MapWorkerTest : public ::testing::Test {
+ protected:
+  MapWorkerTest() : pool_(camera_.width, camera_.height, 4) {
+    settings_.dictionary = "4X4_50";
+    settings_.options.markers.size_m = kSize_m;
+    settings_.map.out = file_;
+    settings_.map.save_interval_s = 0;
+  }
+  ~MapWorkerTest() override { stop(); }
+
+  slam::Map wallMap() {
+    const auto wall = slam::testing::markerWall(2, 4, 0.5, &rng_);
+    slam::Options options;
+    options.markers.size_m = kSize_m;
+    const slam::CameraModel camera(camera_);
+    slam::Slam slam(camera, *slam::Dictionary::byName("4X4_50"), options);
+    for (int i = 0; i < 20; ++i) {
+      const auto T_w_c = slam::testing::lookAt({0.05 * i, 0.0, 0.02 * i}, {0.0, 3.0, 0.0});
+      slam.processDetections(slam::testing::observeAll(camera, T_w_c, wall, kSize_m, 0.05, &rng_),
+                             {static_cast<std::uint64_t>(i), i * 33'000'000LL});
+    }
+    return slam.map();
+  }
+
+  void start(slam::Map map) {
+    loop_ =
+        std::make_unique<SlamLoop>(std::make_unique<slam::Slam>(slam::CameraModel(camera_),
+                                                                *slam::Dictionary::byName("4X4_50"),
+                                                                settings_.options, std::move(map)),
+                                   frames_, camera_status_, errands_, output_);
+    worker_ = std::make_unique<MapWorker>(settings_, camera_, errands_, output_, log_);
+    loop_thread_ = std::thread([this] { loop_->run(); });
+    worker_thread_ = std::thread([this] { worker_->run(); });
+  }
+  void stopLoop() {
+    if (!loop_thread_.joinable()) return;
+    frames_.close();
+    loop_thread_.join();
+  }
+  void stop() {
+    stopLoop();
+    if (!worker_thread_.joinable()) return;
+    worker_->requestStop();
+    worker_thread_.join();
+  }
+
+  // One job, and what came of it.
+  std::string outcomeOf(const std::function<void(MapWorker::Done)>& ask) {
+    std::promise<std::string> told;
+    ask([&](const Result<std::string>& result) {
+      told.set_value(result ? *result : "error: " + result.error().message);
+    });
+    return told.get_future().get();
+  }
+  std::string save() {
+    return outcomeOf([&](auto done) { worker_->save(std::move(done)); });
+  }
+  std::string load(const fs::path& file) {
+    return outcomeOf([&](auto done) { worker_->load(file, std::move(done)); });
+  }
+  std::string reset() {
+    return outcomeOf([&](auto done) { worker_->reset(std::move(done)); });
+  }
+  std::map<std::string, std::uint64_t> counters() const {
+    std::map<std::string, std::uint64_t> all;
+    worker_->tellCounters([&](const char* name, std::uint64_t value) { all[name] = value; });
+    return all;
+  }
+  // What the SLAM loop says of the next frame.
+  slam::Counters countersAfterAFrame() {
+    capture::FramePtr frame = pool_.acquire();
+    std::fill_n(frame->pixels(), camera_.width * camera_.height, std::uint8_t{90});
+    frame->setStamp({.sequence = static_cast<std::uint64_t>(sequence_),
+                     .monotonic_ns = 10'000'000'000 + 1000 * sequence_});
+    ++sequence_;
+    frames_.push(std::move(frame));
+    FrameRecord record;
+    EXPECT_TRUE(output_.records.wait_dequeue_timed(record, 10'000'000));
+    return record.counters;
+  }
+  [[nodiscard]] static bool eventually(const std::function<bool()>& holds) {
+    const auto until = std::chrono::steady_clock::now() + milliseconds(10'000);
+    while (!holds()) {
+      if (std::chrono::steady_clock::now() > until) return false;
+      std::this_thread::sleep_for(milliseconds(10));
+    }
+    return true;
+  }
+
+  const waymark::testing::TemporaryDirectory directory_;
+  const fs::path file_ = directory_ / "map.json";
+  std::mt19937 rng_{7};
+  const slam::Calibration camera_ = slam::testing::testCalibration();
+  io::SlamSettings settings_;
+  capture::FramePool pool_;
+  std::int64_t sequence_ = 0;
+  FrameQueue frames_{2};
+  SlamErrands errands_{frames_};
+  SlamOutput output_;
+  const CameraStatus camera_status_;
+  const Log log_{LogLevel::kError, false};
+  std::unique_ptr<SlamLoop> loop_;
+  std::unique_ptr<MapWorker> worker_;
+  std::thread loop_thread_;
+  std::thread worker_thread_;
+};
+
+TEST_F(MapWorkerTest, SavesWhileTheLoopWaitsForFrames) {
+  start(wallMap());
+  EXPECT_TRUE(save().starts_with(file_.string() + ": saved 8 markers, "));
+  const auto map = io::readMap(file_);
+  ASSERT_TRUE(map) << map.error().message;
+  EXPECT_EQ(map->map.markers().size(), 8U);
+  EXPECT_EQ(counters()["map.saves"], 1U);
+  EXPECT_FALSE(worker_->report().changed);
+  EXPECT_GT(worker_->report().saved_ns, 0);
+}
+
+TEST_F(MapWorkerTest, AResetBeginsANewMapAndNoCounterGoesBack) {
+  start(wallMap());
+  const slam::Counters before = countersAfterAFrame();
+  EXPECT_EQ(reset(), "beginning a new map");
+  EXPECT_TRUE(worker_->report().changed);
+  const slam::Counters after = countersAfterAFrame();
+  EXPECT_EQ(after.frames, before.frames + 1);
+  EXPECT_EQ(after.full_scans, before.full_scans + 1);
+  EXPECT_EQ(save(), "error: there is no map to save");
+  EXPECT_FALSE(fs::exists(file_));
+  EXPECT_EQ(counters()["map.resets"], 1U);
+  const MapSnapshot* told = output_.map.take();
+  ASSERT_NE(told, nullptr) << "subscribers learn of it";
+  EXPECT_TRUE(told->markers.empty());
+}
+
+TEST_F(MapWorkerTest, LoadsAnotherMap) {
+  const fs::path other = directory_ / "other.json";
+  ASSERT_TRUE(io::writeTextFile(other, io::formatMap(wallMap(), camera_)));
+  settings_.map.in = other;
+  start({});
+  EXPECT_TRUE(load(other).starts_with(other.string() + ": going on with 8 markers, "));
+  EXPECT_EQ(output_.map_markers, 8);
+  (void)reset();
+  EXPECT_TRUE(load("").starts_with(other.string() + ": going on with")) << "that of the start";
+  EXPECT_EQ(counters()["map.loads"], 2U);
+}
+
+TEST_F(MapWorkerTest, WhatCannotBeLoadedLeavesEverythingAsItWas) {
+  start(wallMap());
+  (void)save();
+  const std::string good = *io::readTextFile(file_);
+  const fs::path bad = directory_ / "bad.json";
+  const auto errorOf = [&](const std::string& text) {
+    EXPECT_TRUE(io::writeTextFile(bad, text));
+    return load(bad);
+  };
+  EXPECT_NE(errorOf("").find("error: " + bad.string()), std::string::npos);
+  EXPECT_NE(errorOf(good.substr(0, good.size() / 2)).find("bad.json"), std::string::npos);
+  slam::Map foreign;
+  foreign.dictionary = "5X5_50";
+  EXPECT_NE(errorOf(io::formatMap(foreign, std::nullopt)).find("but 4X4_50 is looked for"),
+            std::string::npos);
+  slam::Calibration wider = camera_;
+  wider.width += 2;
+  EXPECT_NE(errorOf(io::formatMap(wallMap(), wider)).find("camera: has another image size"),
+            std::string::npos);
+  EXPECT_NE(load("/nowhere.json").find("/nowhere.json: cannot be read"), std::string::npos);
+  EXPECT_EQ(load("/dev/zero"), "error: /dev/zero: is not a file");
+  EXPECT_EQ(counters()["map.load_failures"], 6U);
+  EXPECT_EQ(counters()["map.loads"], 0U);
+  EXPECT_EQ(output_.map_revision, 0U) << "nothing was swapped";
+  stopLoop();
+  EXPECT_EQ(loop_->slam().map().markers().size(), 8U);
+}
+
+TEST_F(MapWorkerTest, SavesByItselfWhenTheMapHasChangedAndTriesAgain) {
+  settings_.map.out = directory_ / "later" / "map.json";
+  settings_.map.save_interval_s = 1;
+  ASSERT_TRUE(io::writeTextFile(file_, io::formatMap(wallMap(), camera_)));
+  start({});
+  (void)load(file_);  // a change
+  ASSERT_TRUE(eventually([&] { return counters()["map.save_failures"] >= 2; }));
+  EXPECT_NE(worker_->report().last_save.find("cannot be written"), std::string::npos);
+  fs::create_directory(directory_ / "later");
+  ASSERT_TRUE(eventually([&] { return counters()["map.saves"] == 1; }));
+  EXPECT_TRUE(io::readMap(settings_.map.out));
+  std::this_thread::sleep_for(milliseconds(1200));
+  EXPECT_EQ(counters()["map.saves"], 1U) << "nothing has changed since";
+  worker_->setSaveInterval(0);
+  (void)load(file_);
+  std::this_thread::sleep_for(milliseconds(1200));
+  EXPECT_EQ(counters()["map.saves"], 1U);
+}
+
+TEST_F(MapWorkerTest, AtTheEndWhatHasChangedIsSaved) {
+  start(wallMap());
+  (void)save();
+  stop();
+  const auto nothing = worker_->saveAtEnd(loop_->slam());
+  ASSERT_TRUE(nothing);
+  EXPECT_EQ(*nothing, "") << "it is saved already";
+  output_.map_revision.fetch_add(1);
+  const auto saved = worker_->saveAtEnd(loop_->slam());
+  ASSERT_TRUE(saved) << saved.error().message;
+  EXPECT_TRUE(saved->starts_with(file_.string() + ": "));
+}
+
+TEST_F(MapWorkerTest, LocalizeOnlyNeitherWritesNorResets) {
+  settings_.map.localise_only = true;
+  settings_.map.out.clear();
+  settings_.options.mapping = false;
+  start(wallMap());
+  EXPECT_EQ(save(), "error: with slam.localize_only no map is written");
+  EXPECT_EQ(reset(), "error: with slam.localize_only the map stays as it is");
+}
+
+TEST_F(MapWorkerTest, AfterTheLoopThereIsNothingToDo) {
+  start(wallMap());
+  stopLoop();
+  EXPECT_EQ(save(), "error: the daemon is stopping");
+  EXPECT_EQ(reset(), "error: the daemon is stopping");
+  stop();
+  EXPECT_EQ(save(), "error: the daemon is stopping");
+  EXPECT_EQ(counters()["map.save_failures"], 0U);
+}
+
+}  // namespace
+}  // namespace waymark::daemon

@@ -1,0 +1,159 @@
+#include "daemon/publish/messages.h"
+
+#include <algorithm>
+
+namespace waymark::daemon {
+namespace {
+
+// 500 markers of 68 bytes: 34 kB, well below the 60 kB above which messages get lost in the field.
+constexpr int kMarkersPerPiece = 500;
+
+std::int8_t status(slam::TrackingState state) {
+  switch (state) {
+    case slam::TrackingState::kInitializing:
+      return pose_t::STATUS_INITIALIZING;
+    case slam::TrackingState::kTracking:
+      return pose_t::STATUS_TRACKING;
+    case slam::TrackingState::kRelocalizing:
+      return pose_t::STATUS_RELOCALIZING;
+  }
+  return pose_t::STATUS_INITIALIZING;
+}
+
+std::int8_t source(slam::PoseSource source) {
+  switch (source) {
+    case slam::PoseSource::kNone:
+      return pose_t::SOURCE_NONE;
+    case slam::PoseSource::kMarkers:
+      return pose_t::SOURCE_MARKERS;
+    case slam::PoseSource::kNaturalFeatures:
+      return pose_t::SOURCE_NATURAL_FEATURES;
+    case slam::PoseSource::kPrediction:
+      return pose_t::SOURCE_PREDICTION;
+  }
+  return pose_t::SOURCE_NONE;
+}
+
+void put(const Eigen::Vector3d& v, double (&out)[3]) { std::copy_n(v.data(), 3, out); }
+
+// w, x, y, z
+void put(const Eigen::Quaterniond& q, double (&out)[4]) {
+  out[0] = q.w();
+  out[1] = q.x();
+  out[2] = q.y();
+  out[3] = q.z();
+}
+
+void fillAge(std::int64_t now_ns, std::optional<std::int64_t> last_pose_ns, pose_t& message) {
+  message.had_pose = last_pose_ns ? 1 : 0;
+  message.last_pose_age_ns = last_pose_ns ? now_ns - *last_pose_ns : 0;
+}
+
+void fillEstimate(const slam::PoseEstimate& pose, pose_t& message) {
+  message.source = source(pose.source);
+  put(pose.T_w_c.p, message.p_w_c);
+  put(pose.T_w_c.quaternion(), message.q_w_c);
+  Eigen::Map<Eigen::Matrix<double, 6, 6, Eigen::RowMajor>>(message.covariance) = pose.covariance;
+  message.markers_used = pose.markers_used;
+  message.reprojection_rms_px = pose.reprojection_rms_px;
+  message.ambiguity_ratio = pose.ambiguity_ratio;
+}
+
+void clearEstimate(pose_t& message) {
+  message.source = pose_t::SOURCE_NONE;
+  std::ranges::fill(message.p_w_c, 0.0);
+  std::ranges::fill(message.q_w_c, 0.0);
+  std::ranges::fill(message.covariance, 0.0);
+  message.markers_used = 0;
+  message.reprojection_rms_px = 0.0;
+  message.ambiguity_ratio = 0.0;
+}
+
+}  // namespace
+
+void fillPose(const FrameRecord& record, std::optional<std::int64_t> last_pose_ns,
+              pose_t& message) {
+  message.utime = record.stamp.utime;
+  message.monotonic_ns = record.stamp.monotonic_ns;
+  message.sequence = static_cast<std::int64_t>(record.stamp.sequence);
+  message.status = status(record.state);
+  message.reason = record.reason;
+  fillAge(record.stamp.monotonic_ns, last_pose_ns, message);
+  if (record.pose) {
+    fillEstimate(*record.pose, message);
+  } else {
+    clearEstimate(message);
+  }
+}
+
+void fillNoCamera(const std::string& reason, std::int64_t utime, std::int64_t monotonic_ns,
+                  std::optional<std::int64_t> last_pose_ns, pose_t& message) {
+  message.utime = utime;
+  message.monotonic_ns = monotonic_ns;
+  message.status = pose_t::STATUS_NO_CAMERA;
+  message.reason = reason;
+  fillAge(monotonic_ns, last_pose_ns, message);
+  clearEstimate(message);
+  message.latency_ns = 0;
+}
+
+void fillDetections(const FrameRecord& record, const std::string& dictionary,
+                    detections_t& message) {
+  message.utime = record.stamp.utime;
+  message.monotonic_ns = record.stamp.monotonic_ns;
+  message.sequence = static_cast<std::int64_t>(record.stamp.sequence);
+  message.dictionary = dictionary;
+  message.seen = record.seen;
+  message.count = std::min(record.seen, FrameRecord::kMaxSeen);
+  message.detections.resize(static_cast<std::size_t>(message.count));
+  for (std::size_t i = 0; i < message.detections.size(); ++i) {
+    const SeenMarker& marker = record.markers[i];
+    detection_t& detection = message.detections[i];
+    detection.id = marker.id;
+    detection.hamming = marker.hamming;
+    for (std::size_t k = 0; k < 4; ++k) {
+      detection.corners_px[k][0] = marker.pixels[k].x();
+      detection.corners_px[k][1] = marker.pixels[k].y();
+    }
+  }
+}
+
+int mapPieceCount(const MapSnapshot& map) {
+  const int markers = static_cast<int>(map.markers.size());
+  return std::max(1, (markers + kMarkersPerPiece - 1) / kMarkersPerPiece);
+}
+
+void fillMapPiece(const MapSnapshot& map, const std::string& dictionary, std::int64_t revision,
+                  int piece, map_t& message) {
+  const std::size_t begin = static_cast<std::size_t>(piece) * kMarkersPerPiece;
+  const std::size_t end = std::min(begin + kMarkersPerPiece, map.markers.size());
+  message.utime = map.stamp.utime;
+  message.monotonic_ns = map.stamp.monotonic_ns;
+  message.revision = revision;
+  message.piece = piece;
+  message.piece_count = mapPieceCount(map);
+  message.dictionary = dictionary;
+  message.marker_count = static_cast<std::int32_t>(map.markers.size());
+  message.keyframe_count = map.keyframe_count;
+  message.count = static_cast<std::int32_t>(end - begin);
+  message.markers.resize(end - begin);
+  for (std::size_t i = begin; i < end; ++i) {
+    const MapSnapshot::Marker& marker = map.markers[i];
+    marker_t& out = message.markers[i - begin];
+    out.id = marker.id;
+    out.size = marker.size_m;
+    put(marker.T_w_m.p, out.p_w_m);
+    put(marker.T_w_m.quaternion(), out.q_w_m);
+  }
+}
+
+void fillBotCorePose(const BodyState& state, std::int64_t utime, bot_core::pose_t& message) {
+  message.utime = utime;
+  put(state.T_w_b.p, message.pos);
+  put(state.velocity_b, message.vel);
+  put(state.T_w_b.quaternion(), message.orientation);
+  put(state.rotation_rate_b, message.rotation_rate);
+  std::ranges::fill(message.accel, 0.0);
+}
+
+}  // namespace waymark::daemon

@@ -1,0 +1,166 @@
+#include "daemon/publish/messages.h"
+
+#include <set>
+#include <vector>
+
+#include <gtest/gtest.h>
+
+namespace waymark::daemon {
+namespace {
+
+slam::Transform someTransform() {
+  slam::Vector6d delta;
+  delta << 1.0, -2.0, 3.0, 0.3, -0.4, 0.5;
+  return slam::Transform{}.retract(delta);
+}
+
+FrameRecord localizedRecord() {
+  FrameRecord record;
+  record.stamp = {.sequence = 12, .monotonic_ns = 5'000, .utime = 77};
+  record.state = slam::TrackingState::kTracking;
+  slam::PoseEstimate pose;
+  pose.T_w_c = someTransform();
+  for (int i = 0; i < 6; ++i) {
+    for (int j = 0; j < 6; ++j) pose.covariance(i, j) = 10.0 * i + j;
+  }
+  pose.source = slam::PoseSource::kMarkers;
+  pose.markers_used = 4;
+  pose.reprojection_rms_px = 0.2;
+  pose.ambiguity_ratio = 9.0;
+  record.pose = pose;
+  return record;
+}
+
+TEST(PoseMessage, CarriesTheEstimate) {
+  pose_t message{};
+  fillPose(localizedRecord(), 5'000, message);
+  const slam::Transform T = someTransform();
+  EXPECT_EQ(message.utime, 77);
+  EXPECT_EQ(message.monotonic_ns, 5'000);
+  EXPECT_EQ(message.sequence, 12);
+  EXPECT_EQ(message.status, pose_t::STATUS_TRACKING);
+  EXPECT_EQ(message.reason, "");
+  EXPECT_EQ(message.source, pose_t::SOURCE_MARKERS);
+  EXPECT_TRUE(message.had_pose);
+  EXPECT_EQ(message.last_pose_age_ns, 0);
+  for (int i = 0; i < 3; ++i) EXPECT_EQ(message.p_w_c[i], T.p[i]);
+  const Eigen::Quaterniond q(message.q_w_c[0], message.q_w_c[1], message.q_w_c[2],
+                             message.q_w_c[3]);
+  EXPECT_LT((q.toRotationMatrix() - T.R).norm(), 1e-12);
+  EXPECT_EQ(message.covariance[1], 1.0) << "row 0, column 1: row-major";
+  EXPECT_EQ(message.covariance[6], 10.0) << "row 1, column 0";
+  EXPECT_EQ(message.markers_used, 4);
+  EXPECT_EQ(message.reprojection_rms_px, 0.2);
+  EXPECT_EQ(message.ambiguity_ratio, 9.0);
+}
+
+TEST(PoseMessage, WithoutPoseSaysWhyAndHowOldAndKeepsNothingOfTheLast) {
+  pose_t message{};
+  fillPose(localizedRecord(), 5'000, message);
+  FrameRecord record = localizedRecord();
+  record.pose.reset();
+  record.state = slam::TrackingState::kRelocalizing;
+  record.reason = "no marker in view";
+  record.stamp.monotonic_ns = 8'000;
+  fillPose(record, 5'000, message);
+  EXPECT_EQ(message.status, pose_t::STATUS_RELOCALIZING);
+  EXPECT_EQ(message.reason, "no marker in view");
+  EXPECT_EQ(message.source, pose_t::SOURCE_NONE);
+  EXPECT_TRUE(message.had_pose);
+  EXPECT_EQ(message.last_pose_age_ns, 3'000);
+  for (const double x : message.p_w_c) EXPECT_EQ(x, 0.0);
+  for (const double x : message.q_w_c) EXPECT_EQ(x, 0.0);
+  for (const double x : message.covariance) EXPECT_EQ(x, 0.0);
+  EXPECT_EQ(message.markers_used, 0);
+
+  fillPose(record, {}, message);
+  EXPECT_FALSE(message.had_pose);
+  EXPECT_EQ(message.last_pose_age_ns, 0);
+}
+
+TEST(PoseMessage, NoCameraNamesTheCauseAndKeepsTheSequence) {
+  pose_t message{};
+  fillPose(localizedRecord(), 5'000, message);
+  fillNoCamera("/dev/video0: unplugged", 99, 9'000, 5'000, message);
+  EXPECT_EQ(message.status, pose_t::STATUS_NO_CAMERA);
+  EXPECT_EQ(message.reason, "/dev/video0: unplugged");
+  EXPECT_EQ(message.source, pose_t::SOURCE_NONE);
+  EXPECT_EQ(message.sequence, 12);
+  EXPECT_EQ(message.utime, 99);
+  EXPECT_EQ(message.last_pose_age_ns, 4'000);
+}
+
+TEST(DetectionsMessage, CarriesEveryMarkerUpToTheLimitAndFits) {
+  FrameRecord record = localizedRecord();
+  record.seen = FrameRecord::kMaxSeen + 5;
+  for (int i = 0; i < FrameRecord::kMaxSeen; ++i) {
+    SeenMarker& marker = record.markers[static_cast<std::size_t>(i)];
+    marker.id = i;
+    marker.hamming = i % 3;
+    for (int k = 0; k < 4; ++k) {
+      marker.pixels[static_cast<std::size_t>(k)] = Eigen::Vector2d(i + 0.25 * k, -i);
+    }
+  }
+  detections_t message{};
+  fillDetections(record, "4X4_50", message);
+  EXPECT_EQ(message.sequence, 12);
+  EXPECT_EQ(message.dictionary, "4X4_50");
+  EXPECT_EQ(message.seen, record.seen);
+  ASSERT_EQ(message.count, FrameRecord::kMaxSeen);
+  EXPECT_EQ(message.detections[7].id, 7);
+  EXPECT_EQ(message.detections[7].hamming, 1);
+  EXPECT_EQ(message.detections[7].corners_px[3][0], 7.75);
+  EXPECT_EQ(message.detections[7].corners_px[3][1], -7.0);
+  EXPECT_LT(message.getEncodedSize(), 60'000);
+}
+
+TEST(MapMessage, LargeMapsComeInPiecesThatFitAndHoldEveryMarkerOnce) {
+  for (const int markers : {0, 1, 500, 501, 2345}) {
+    MapSnapshot map;
+    map.stamp.utime = 5;
+    map.keyframe_count = 3;
+    for (int i = 0; i < markers; ++i) map.markers.push_back({i, 0.1, someTransform()});
+
+    std::set<int> ids;
+    map_t message{};
+    const int pieces = mapPieceCount(map);
+    ASSERT_GE(pieces, 1) << "an empty map is news too";
+    for (int piece = 0; piece < pieces; ++piece) {
+      fillMapPiece(map, "ARUCO_ORIGINAL", 8, piece, message);
+      EXPECT_LT(message.getEncodedSize(), 60'000);
+      EXPECT_EQ(message.revision, 8);
+      EXPECT_EQ(message.piece, piece);
+      EXPECT_EQ(message.piece_count, pieces);
+      EXPECT_EQ(message.marker_count, markers);
+      EXPECT_EQ(message.keyframe_count, 3);
+      for (const marker_t& marker : message.markers) {
+        EXPECT_TRUE(ids.insert(marker.id).second) << marker.id << " came twice";
+        EXPECT_EQ(marker.p_w_m[2], someTransform().p.z());
+      }
+    }
+    EXPECT_EQ(static_cast<int>(ids.size()), markers);
+  }
+}
+
+// A body that turns and moves evenly in its own frame.
+TEST(BotCorePose, CarriesTheBodysState) {
+  BodyState state;
+  state.T_w_b.p = {1.0, 2.0, 3.0};
+  state.T_w_b.R = slam::expSo3(Eigen::Vector3d(0.1, 0.2, 0.3));
+  state.velocity_b = {0.4, 0.5, 0.6};
+  state.rotation_rate_b = {0.7, 0.8, 0.9};
+  bot_core::pose_t message{};
+  fillBotCorePose(state, 77, message);
+  EXPECT_EQ(message.utime, 77);
+  for (int i = 0; i < 3; ++i) {
+    EXPECT_EQ(message.pos[i], state.T_w_b.p[i]);
+    EXPECT_EQ(message.vel[i], state.velocity_b[i]);
+    EXPECT_EQ(message.rotation_rate[i], state.rotation_rate_b[i]);
+    EXPECT_EQ(message.accel[i], 0.0);
+  }
+  EXPECT_EQ(message.orientation[0], state.T_w_b.quaternion().w());
+  EXPECT_EQ(message.orientation[3], state.T_w_b.quaternion().z());
+}
+
+}  // namespace
+}  // namespace waymark::daemon

@@ -1,0 +1,203 @@
+#include "daemon/publish/publisher.h"
+
+#include <numeric>
+#include <span>
+#include <string>
+#include <utility>
+
+#include "base/clock.h"
+#include "daemon/health/temperatures.h"
+
+namespace waymark::daemon {
+namespace {
+
+// How often the publisher looks up from an empty queue, and so the delay of news about the camera.
+constexpr std::int64_t kPatienceUs = 20'000;
+constexpr std::int64_t kHealthIntervalNs = 1'000'000'000;
+constexpr std::int64_t kHealthPauseNs = 50'000'000;  // when the status flickers
+constexpr std::int64_t kNoCameraIntervalNs = 1'000'000'000;
+
+std::int8_t cameraState(CameraState state) {
+  switch (state) {
+    case CameraState::kOpening:
+      return health_t::CAMERA_OPENING;
+    case CameraState::kRunning:
+      return health_t::CAMERA_RUNNING;
+    case CameraState::kLost:
+      return health_t::CAMERA_LOST;
+    case CameraState::kEnded:
+      return health_t::CAMERA_ENDED;
+  }
+  return health_t::CAMERA_OPENING;
+}
+
+}  // namespace
+
+Publisher::Publisher(const Configuration::Publish& options, const BodyMotion::Options& body,
+                     std::string dictionary, SlamOutput& input, const CameraStatus& camera,
+                     const FrameQueue& frames, TripleBuffer<health_t>& health, const Log& log)
+    : options_(options),
+      detections_wanted_(options.detections),
+      dictionary_(std::move(dictionary)),
+      pose_channel_(options.channel_prefix + "POSE"),
+      detections_channel_(options.channel_prefix + "DETECTIONS"),
+      map_channel_(options.channel_prefix + "MAP"),
+      health_channel_(options.channel_prefix + "HEALTH"),
+      input_(input),
+      camera_(camera),
+      frames_(frames),
+      health_out_(health),
+      link_(options.url, log),
+      started_ns_(monotonicNs()),
+      body_(body) {
+  health_.version = WAYMARK_VERSION;
+}
+
+void Publisher::run() {
+  for (bool more = true; more;) {
+    // Asked before looking, so that what came in between is not left behind.
+    const bool finished = input_.finished.load(std::memory_order_acquire);
+    link_.maintain(monotonicNs());
+    if (input_.records.wait_dequeue_timed(record_, finished ? 0 : kPatienceUs)) {
+      publishFrame();
+    } else {
+      more = !finished;
+    }
+    publishMap();
+    watchCamera(monotonicNs());
+    publishHealthWhenDue(monotonicNs());
+  }
+  publishHealth(monotonicNs());
+}
+
+void Publisher::publishFrame() {
+  if (record_.pose) last_pose_ns_ = record_.stamp.monotonic_ns;
+  if (record_.missed_deadline_in) {
+    ++deadlines_missed_[static_cast<std::size_t>(*record_.missed_deadline_in)];
+  }
+
+  const std::int8_t status_before = pose_.status;
+  fillPose(record_, last_pose_ns_, pose_);
+  pose_.latency_ns = monotonicNs() - record_.stamp.monotonic_ns;
+  ++(send(pose_channel_, pose_) ? poses_sent_ : poses_unsent_);
+  statistics_.add(record_.pose.has_value(), pose_.latency_ns, record_.processing_ns);
+  if (pose_.status != status_before) health_changed_ = true;
+
+  if (record_.pose) {
+    fillBotCorePose(body_.update(*record_.pose, record_.stamp.monotonic_ns), record_.stamp.utime,
+                    bot_core_pose_);
+    send(options_.pose_channel, bot_core_pose_);
+  }
+  if (detections()) {
+    fillDetections(record_, dictionary_, detections_);
+    send(detections_channel_, detections_);
+  }
+}
+
+void Publisher::publishMap() {
+  const MapSnapshot* map = input_.map.take();
+  if (map == nullptr) return;
+  ++map_revision_;
+  for (int piece = 0; piece < mapPieceCount(*map); ++piece) {
+    fillMapPiece(*map, dictionary_, map_revision_, piece, map_);
+    send(map_channel_, map_);
+  }
+}
+
+// Subscribers to poses learn at once, and again and again, that and why there are none.
+void Publisher::watchCamera(std::int64_t now_ns) {
+  if (const std::uint32_t version = camera_.version(); version != camera_version_) {
+    camera_version_ = version;
+    camera_report_ = camera_.latest();
+    health_changed_ = true;
+    next_no_camera_ns_ = now_ns;
+  }
+  const bool absent =
+      camera_report_.state == CameraState::kOpening || camera_report_.state == CameraState::kLost;
+  if (absent && now_ns >= next_no_camera_ns_) publishNoCamera(now_ns);
+}
+
+void Publisher::publishNoCamera(std::int64_t now_ns) {
+  fillNoCamera(camera_report_.reason, wallUs(), now_ns, last_pose_ns_, pose_);
+  send(pose_channel_, pose_);
+  next_no_camera_ns_ = now_ns + kNoCameraIntervalNs;
+}
+
+void Publisher::publishHealthWhenDue(std::int64_t now_ns) {
+  const std::int64_t since_last_ns = now_ns - health_.monotonic_ns;
+  const std::int64_t pause_ns = health_changed_ ? kHealthPauseNs : kHealthIntervalNs;
+  if (since_last_ns >= pause_ns) publishHealth(now_ns);
+}
+
+void Publisher::publishHealth(std::int64_t now_ns) {
+  health_changed_ = false;
+  health_.utime = wallUs();
+  health_.monotonic_ns = now_ns;
+  health_.uptime_ns = now_ns - started_ns_;
+  health_.status = pose_.status;
+  health_.reason = pose_.reason;
+  health_.camera = cameraState(camera_report_.state);
+  health_.camera_reason = camera_report_.reason;
+  statistics_.report(now_ns, health_);
+  fillCounters();
+  health_.temperatures = readTemperatures();
+  health_.temperature_count = static_cast<std::int32_t>(health_.temperatures.size());
+  send(health_channel_, health_);
+  health_out_.writeBuffer() = health_;
+  health_out_.publish();
+}
+
+// Every frame and every reason for which one may get lost, in the order of its way. What the source
+// had, camera.frames + dropped.source_*, is what came out, published.poses + dropped.*, once
+// nothing is under way any more.
+void Publisher::fillCounters() {
+  const capture::SourceCounters source = camera_.counters();
+  health_.counters.clear();
+  for (const capture::NamedSourceCounter& counter : capture::kSourceCounters) {
+    addCounter(counter.name, source.*counter.value);
+  }
+  addCounter("camera.reopened", camera_.reopened());
+  addCounter("camera.silences", camera_.silences());
+  addCounter("camera.options_refused", camera_.refused());
+  addCounter("dropped.queue", frames_.dropped());
+  slam::forEachCounter(record_.counters, [this](const char* name, std::uint64_t value) {
+    addCounter(std::string("slam.") + name, value);
+  });
+  addCounter("deadline.missed", std::reduce(deadlines_missed_.begin(), deadlines_missed_.end()));
+  for (std::size_t stage = 0; stage < deadlines_missed_.size(); ++stage) {
+    addCounter(std::string("deadline.missed_") + kFrameStageNames[stage], deadlines_missed_[stage]);
+  }
+  addCounter("dropped.publisher", input_.records_lost.load(std::memory_order_relaxed));
+  addCounter("dropped.unsent", poses_unsent_);
+  addCounter("published.poses", poses_sent_);
+  addCounter("unsent.link_down", unsent_.link_down);
+  addCounter("unsent.too_large", unsent_.too_large);
+  for (const CounterSource& counters : others_) {
+    counters([this](const char* name, std::uint64_t value) { addCounter(name, value); });
+  }
+  health_.counter_count = static_cast<std::int32_t>(health_.counters.size());
+}
+
+void Publisher::addCounter(std::string name, std::uint64_t value) {
+  health_.counters.emplace_back();
+  health_.counters.back().name = std::move(name);
+  health_.counters.back().value = static_cast<std::int64_t>(value);
+}
+
+template <typename Message>
+bool Publisher::send(const std::string& channel, const Message& message) {
+  const int size = message.encode(bytes_.data(), 0, static_cast<int>(bytes_.size()));
+  if (size < 0) {
+    ++unsent_.too_large;
+    return false;
+  }
+  const auto encoded = std::span<const std::uint8_t>(bytes_).first(static_cast<std::size_t>(size));
+  if (tap_) tap_(channel, encoded, wallUs());
+  if (!link_.publish(channel, encoded)) {
+    ++unsent_.link_down;
+    return false;
+  }
+  return true;
+}
+
+}  // namespace waymark::daemon

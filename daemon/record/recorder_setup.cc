@@ -1,0 +1,47 @@
+#include "daemon/record/recorder_setup.h"
+
+#include <utility>
+#include <vector>
+
+#include "io/calibrations/calibration_file.h"
+
+namespace waymark::daemon {
+
+namespace fs = std::filesystem;
+using capture::RecordedFile;
+
+RecorderOptions recorderOptions(const Configuration::Record& record) {
+  const auto bytes = [](int mib) { return static_cast<std::uint64_t>(mib) << 20U; };
+  RecorderOptions options;
+  options.log.directory = record.directory;
+  options.log.file_bytes = bytes(record.file_mib);
+  options.log.file_s = record.file_s;
+  options.log.quota_bytes = bytes(record.quota_mib);
+  options.log.keep_free_bytes = bytes(record.keep_free_mib);
+  options.log.flush_ms = record.flush_ms;
+  options.at_start = record.at_start;
+  options.images = record.images;
+  options.jpeg_quality = record.jpeg_quality;
+  options.image_channel = record.image_channel;
+  options.frame_buffer_bytes = bytes(record.buffer_mib);
+  return options;
+}
+
+std::unique_ptr<Recorder> makeRecorder(const Configuration& configuration,
+                                       const fs::path& configuration_file,
+                                       const slam::Calibration& calibration, const StartMap& start,
+                                       const Log& log) {
+  if (configuration.record.directory.empty()) return nullptr;
+  std::vector<RecordedFile> files;
+  files.push_back({RecordedFile::kConfiguration, configuration_file.string(), configuration.text});
+  const fs::path& given = configuration.camera.calibration;
+  files.push_back({RecordedFile::kCalibration,
+                   given.empty() ? configuration.camera.source : given.string(),
+                   io::formatCalibration(calibration)});
+  if (!start.text.empty()) {
+    files.push_back({RecordedFile::kMap, configuration.slam.map.in.string(), start.text});
+  }
+  return std::make_unique<Recorder>(recorderOptions(configuration.record), files, log);
+}
+
+}  // namespace waymark::daemon

@@ -1,0 +1,24 @@
+// The recorder as the configuration wants it.
+#pragma once
+
+#include <filesystem>
+#include <memory>
+
+#include "daemon/configuration.h"
+#include "daemon/system/log.h"
+#include "daemon/maps/map_keeper.h"
+#include "daemon/record/recorder.h"
+#include "slam/geometry/camera_model.h"
+
+namespace waymark::daemon {
+
+[[nodiscard]] RecorderOptions recorderOptions(const Configuration::Record& record);
+
+// Null without a directory to record into. The recordings will carry the configuration file, the
+// calibration as it is used, and the map that the daemon begins with, so that they can be run again
+// without anything else.
+[[nodiscard]] std::unique_ptr<Recorder> makeRecorder(
+    const Configuration& configuration, const std::filesystem::path& configuration_file,
+    const slam::Calibration& calibration, const StartMap& start, const Log& log);
+
+}  // namespace waymark::daemon

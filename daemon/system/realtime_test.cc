@@ -1,0 +1,108 @@
+#include "daemon/system/realtime.h"
+
+#include <array>
+#include <atomic>
+#include <chrono>
+#include <string>
+#include <thread>
+#include <vector>
+
+#include <gtest/gtest.h>
+#include <pthread.h>
+#include <sched.h>
+#include <sys/resource.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+namespace waymark::daemon {
+namespace {
+
+// A thread that waits for its end.
+class Waiting {
+ public:
+  ~Waiting() {
+    done_ = true;
+    done_.notify_one();
+    thread_.join();
+  }
+  [[nodiscard]] std::thread& thread() { return thread_; }
+
+ private:
+  std::atomic<bool> done_ = false;
+  std::thread thread_{[this] { done_.wait(false); }};
+};
+
+// Either it has the priority, or it is told why not.
+TEST(RealTime, AThreadHasItsPriorityOrTheReasonIsTold) {
+  Waiting waiting;
+  const Status scheduled = scheduleRealTime(waiting.thread(), "wm-slam", 7);
+  int policy = 0;
+  sched_param parameters{};
+  ASSERT_EQ(pthread_getschedparam(waiting.thread().native_handle(), &policy, &parameters), 0);
+  EXPECT_EQ(policy == SCHED_FIFO && parameters.sched_priority == 7, scheduled.ok());
+  if (!scheduled) {
+    EXPECT_NE(scheduled.error().message.find("RLIMIT_RTPRIO"), std::string::npos);
+  }
+}
+
+// In a process of its own, which gives up what allows it.
+template <typename Check>
+bool holdsUnprivileged(const Check& check) {
+  const pid_t child = fork();
+  if (child == 0) {
+    const rlimit none{0, 0};
+    setrlimit(RLIMIT_RTPRIO, &none);
+    setrlimit(RLIMIT_MEMLOCK, &none);
+    if (getuid() == 0 && setuid(65534) != 0) _exit(2);
+    _exit(check() ? 0 : 1);
+  }
+  int status = 0;
+  waitpid(child, &status, 0);
+  return WIFEXITED(status) && WEXITSTATUS(status) == 0;
+}
+
+TEST(RealTime, AThreadRunsWhereItIsBoundTo) {
+  int where = -1;
+  std::vector<std::string> refused;
+  std::thread bound = startThread(
+      "wm-test", {.cpus = {0}}, [&](const Error& error) { refused.push_back(error.message); },
+      [&] {
+        std::this_thread::sleep_for(std::chrono::milliseconds(20));
+        where = sched_getcpu();
+      });
+  std::array<char, 16> name{};
+  pthread_getname_np(bound.native_handle(), name.data(), name.size());
+  EXPECT_STREQ(name.data(), "wm-test");
+  bound.join();
+  EXPECT_EQ(where, 0);
+  EXPECT_TRUE(refused.empty());
+}
+
+TEST(RealTime, AProcessorThatIsNotThereIsRefusedAndNamed) {
+  std::vector<std::string> refused;
+  bool ran = false;
+  startThread(
+      "wm-test", {.cpus = {1000}}, [&](const Error& error) { refused.push_back(error.message); },
+      [&] { ran = true; })
+      .join();
+  EXPECT_TRUE(ran) << "all the same";
+  ASSERT_EQ(refused.size(), 1U);
+  EXPECT_TRUE(refused[0].starts_with("wm-test is not bound to processor 1000: ")) << refused[0];
+}
+
+TEST(RealTime, RefusalsNameTheLimit) {
+  EXPECT_TRUE(holdsUnprivileged([] {
+    Waiting waiting;
+    const Status scheduled = scheduleRealTime(waiting.thread(), "wm-slam", 7);
+    return !scheduled &&
+           scheduled.error().message.starts_with("wm-slam runs without real-time priority 7: ") &&
+           scheduled.error().message.find("LimitRTPRIO") != std::string::npos;
+  }));
+  EXPECT_TRUE(holdsUnprivileged([] {
+    const Status locked = lockMemory();
+    return !locked && locked.error().message.find("LimitMEMLOCK") != std::string::npos;
+  }));
+}
+
+}  // namespace
+}  // namespace waymark::daemon

@@ -1,0 +1,415 @@
+#include "io/maps/map_file.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstdint>
+#include <span>
+#include <string_view>
+#include <utility>
+#include <vector>
+
+#include "base/decimal_seconds.h"
+#include "io/text/json_node.h"
+#include "io/text/number_text.h"
+#include "io/text/plausible.h"
+#include "io/settings/slam_settings.h"
+#include "io/text/text_file.h"
+#include "slam/detection/codes/dictionary.h"
+
+namespace waymark::io {
+namespace {
+
+using slam::MarkerState;
+
+constexpr std::string_view kFormat = "waymark-map";
+constexpr int kVersion = 1;
+// There are more after the last of them.
+constexpr std::int64_t kLargestIndex = std::int64_t{1} << 62U;
+constexpr std::array<std::pair<std::string_view, MarkerState>, 4> kStates = {{
+    {"unresolved", MarkerState::kUnresolved},
+    {"mapped", MarkerState::kMapped},
+    {"quarantined", MarkerState::kQuarantined},
+    {"refused", MarkerState::kRefused},
+}};
+
+std::string_view nameOf(MarkerState state) {
+  for (const auto& [name, value] : kStates) {
+    if (value == state) return name;
+  }
+  return {};
+}
+
+// FNV-1a, 64 bits, over all of the text but the line of the checksum itself.
+std::string checksum(std::string_view before, std::string_view after) {
+  std::uint64_t hash = 0xcbf29ce484222325U;
+  for (const std::string_view part : {before, after}) {
+    for (const char c : part) {
+      hash ^= static_cast<unsigned char>(c);
+      hash *= 0x100000001b3U;
+    }
+  }
+  constexpr std::string_view kDigits = "0123456789abcdef";
+  std::string text = "fnv1a64:";
+  for (int shift = 60; shift >= 0; shift -= 4) text += kDigits[(hash >> shift) & 0xfU];
+  return text;
+}
+
+std::string checksumLine(const std::string& value) { return jsonField("checksum", value); }
+
+// Writing.
+
+Json matrixJson(const Eigen::Matrix2d& symmetric) {
+  return Json::array({symmetric(0, 0), symmetric(0, 1), symmetric(1, 1)});
+}
+
+template <typename T>
+Json listOfFour(const std::array<T, 4>& corners) {
+  Json list = Json::array();
+  for (const T& corner : corners) list.push_back(toJson(corner));
+  return list;
+}
+
+// The upper triangle, row by row.
+Json covarianceJson(const slam::Matrix6d& symmetric) {
+  Json list = Json::array();
+  for (Eigen::Index row = 0; row < 6; ++row) {
+    for (Eigen::Index column = row; column < 6; ++column) list.push_back(symmetric(row, column));
+  }
+  return list;
+}
+
+Json cameraJson(const slam::Calibration& c, double readout_s) {
+  const bool fisheye = c.model == slam::DistortionModel::kEquidistant;
+  return {{"width", c.width},
+          {"height", c.height},
+          {"fx", c.fx},
+          {"fy", c.fy},
+          {"cx", c.cx},
+          {"cy", c.cy},
+          {"distortion_model", fisheye ? "equidistant" : "rational_polynomial"},
+          {"distortion", c.distortion},
+          {"readout_s", readout_s}};
+}
+
+Json markerJson(const slam::MapMarker& marker, const std::string& dictionary) {
+  Json json = {{"dictionary", dictionary}, {"id", marker.id}, {"size", marker.size_m}};
+  if (marker.T_w_m) {
+    slam::MapMarker read = marker;  // its corners must be those of the pose that is read back
+    read.T_w_m = asRead(*marker.T_w_m);
+    json["T_w_m"] = toJson(*marker.T_w_m);
+    json["corners"] = listOfFour(read.cornersInWorld());
+  }
+  json["state"] = nameOf(marker.state);
+  if (marker.other_T_w_m) json["other_T_w_m"] = toJson(*marker.other_T_w_m);
+  if (!marker.covariance.isZero(0.0)) json["covariance"] = covarianceJson(marker.covariance);
+  if (!marker.former_poses.empty()) {
+    json["former_poses"] = Json::array();
+    for (const slam::Transform& T : marker.former_poses) json["former_poses"].push_back(toJson(T));
+  }
+  return json;
+}
+
+Json keyframeJson(const slam::Keyframe& keyframe) {
+  Json detections = Json::array();
+  for (const slam::MarkerDetection& detection : keyframe.detections) {
+    Json covariances = Json::array();
+    for (const Eigen::Matrix2d& covariance : detection.covariance) {
+      covariances.push_back(matrixJson(covariance));
+    }
+    detections.push_back({{"id", detection.id},
+                          {"hamming", detection.hamming},
+                          {"pixels", listOfFour(detection.pixels)},
+                          {"normalised_covariance", std::move(covariances)}});
+  }
+  Json json = {{"index", keyframe.id},
+               {"sequence", keyframe.sequence},
+               {"time_ns", keyframe.monotonic_ns},
+               {"T_w_c", toJson(keyframe.T_w_c)}};
+  if (!keyframe.twist.isZero(0.0)) {
+    const slam::Vector6d& v = keyframe.twist;
+    json["twist"] = Json::array({v[0], v[1], v[2], v[3], v[4], v[5]});
+  }
+  json["detections"] = std::move(detections);
+  return json;
+}
+
+// Reading.
+
+slam::Calibration readCamera(const JsonNode& node) {
+  constexpr int kLargestImage = 1'000'000;
+  slam::Calibration c;
+  c.width = static_cast<int>(node.at("width").integer(1, kLargestImage));
+  c.height = static_cast<int>(node.at("height").integer(1, kLargestImage));
+  c.fx = node.at("fx").number();
+  c.fy = node.at("fy").number();
+  c.cx = node.at("cx").number();
+  c.cy = node.at("cy").number();
+  const std::string model = node.at("distortion_model").text();
+  if (model == "equidistant") {
+    c.model = slam::DistortionModel::kEquidistant;
+  } else if (model != "rational_polynomial") {
+    node.at("distortion_model").fail("must be \"rational_polynomial\" or \"equidistant\"");
+  }
+  const std::vector<double> distortion = node.at("distortion").numbers(c.distortion.size());
+  std::copy(distortion.begin(), distortion.end(), c.distortion.begin());
+  if (const std::string reason = c.invalidReason(); node.good() && !reason.empty()) {
+    node.fail(reason);
+  }
+  return c;
+}
+
+double readReadout(const JsonNode& camera) {
+  if (!camera.has("readout_s")) return 0.0;
+  const double readout_s = camera.at("readout_s").number();
+  // Negative for a camera that hangs upside down and whose images are turned.
+  if (std::abs(readout_s) > 1.0) camera.at("readout_s").fail("must be -1 to 1");
+  return readout_s;
+}
+
+MarkerState readState(const JsonNode& node) {
+  const std::string name = node.text();
+  for (const auto& [known, state] : kStates) {
+    if (name == known) return state;
+  }
+  node.fail("must be \"mapped\", \"unresolved\", \"quarantined\" or \"refused\"");
+  return MarkerState::kUnresolved;
+}
+
+// What is sent through squares and inverses must come out as a number again.
+constexpr double kLargestVariance = 1e12;  // square metres, square radians
+constexpr double kFastest = 1e4;           // metres and radians per second
+
+void checkWithin(double limit, const std::vector<double>& values, const JsonNode& node) {
+  for (const double value : values) {
+    if (node.good() && std::abs(value) > limit) node.fail("must not exceed " + roundTrip(limit));
+  }
+}
+
+slam::Matrix6d readCovariance(const JsonNode& node) {
+  const std::vector<double> upper = node.numbers(21);
+  checkWithin(kLargestVariance, upper, node);
+  slam::Matrix6d covariance;
+  std::size_t i = 0;
+  for (Eigen::Index row = 0; row < 6; ++row) {
+    for (Eigen::Index column = row; column < 6; ++column) {
+      covariance(row, column) = covariance(column, row) = upper[i++];
+    }
+    if (covariance(row, row) < 0.0) node.fail("must not have a negative variance");
+  }
+  return covariance;
+}
+
+// Corners are for other programs; two truths about one marker are refused, though.
+void checkCorners(const JsonNode& node, const slam::MapMarker& marker) {
+  constexpr double kRounding_m = 1e-6;
+  const std::vector<JsonNode> corners = node.elements(4);
+  if (!node.good()) return;
+  const auto expected = marker.cornersInWorld();
+  for (std::size_t k = 0; k < 4; ++k) {
+    const Eigen::Vector3d corner = corners[k].point3();
+    if (node.good() && !((corner - expected[k]).norm() < kRounding_m)) {
+      node.fail("are not where T_w_m and size put them; mend or leave out");
+    }
+  }
+}
+
+// Reads one file into one map.
+class MapReader {
+ public:
+  explicit MapReader(const JsonNode& root) : root_(root) {}
+
+  MapFile read() {
+    MapFile file;
+    readDictionary(&file.map);
+    if (root_.has("camera") && !root_.at("camera").json().is_null()) {
+      file.camera = readCamera(root_.at("camera"));
+      file.readout_s = readReadout(root_.at("camera"));
+    }
+    for (const char* list : {"markers", "unposed_markers"}) {
+      for (const JsonNode& node : root_.at(list).elements()) {
+        readMarker(node, std::string_view(list) == "markers", &file.map);
+        if (!root_.good()) return file;
+      }
+    }
+    const std::vector<JsonNode> keyframes = root_.at("keyframes").elements();
+    if (!keyframes.empty() && !file.camera) root_.at("camera").fail("must be there: keyframes are");
+    if (!root_.good() || !file.camera) return file;
+    const slam::CameraModel camera(*file.camera);
+    for (const JsonNode& node : keyframes) {
+      readKeyframe(node, camera, &file.map);
+      if (!root_.good()) return file;
+    }
+    // The corners of a rolling shutter follow from the poses, too.
+    if (file.readout_s != 0.0) file.map.undistortAgain(camera, file.readout_s);
+    return file;
+  }
+
+ private:
+  void readDictionary(slam::Map* map) {
+    map->dictionary = root_.at("dictionary").text();
+    if (!root_.good()) return;
+    const auto dictionary = slam::Dictionary::byName(map->dictionary);
+    if (dictionary) largest_id_ = dictionary->size() - 1;
+    if (!dictionary) root_.at("dictionary").fail(*objectToDictionary(map->dictionary));
+  }
+
+  void readMarker(const JsonNode& node, bool posed, slam::Map* map) const {
+    const int id = static_cast<int>(node.at("id").integer(0, largest_id_));
+    const double size_m = node.at("size").positive();
+    if (node.good() && !isSize(size_m)) node.at("size").fail(kSizes);
+    if (node.at("dictionary").text() != map->dictionary) {
+      node.at("dictionary").fail("is not the map's, \"" + map->dictionary + "\"");
+    }
+    if (map->find(id) != nullptr) {
+      node.at("id").fail("the marker " + std::to_string(id) + " occurs twice");
+    }
+    if (!node.good()) return;
+    slam::MapMarker& marker = map->addMarker(id, size_m);
+    marker.state = posed ? MarkerState::kMapped : MarkerState::kUnresolved;
+    if (node.has("state")) marker.state = readState(node.at("state"));
+    if (posed) marker.T_w_m = node.at("T_w_m").transform();
+    if (posed && node.has("corners")) checkCorners(node.at("corners"), marker);
+    if (posed != (marker.state == MarkerState::kMapped)) {
+      node.at("state").fail(posed ? "must be \"mapped\" where there is a pose"
+                                  : "must not be \"mapped\" where there is no pose");
+    }
+    if (node.has("other_T_w_m")) marker.other_T_w_m = node.at("other_T_w_m").transform();
+    if (node.has("covariance")) marker.covariance = readCovariance(node.at("covariance"));
+    if (!node.has("former_poses")) return;
+    for (const JsonNode& pose : node.at("former_poses").elements()) {
+      marker.former_poses.push_back(pose.transform());
+    }
+  }
+
+  void readKeyframe(const JsonNode& node, const slam::CameraModel& camera, slam::Map* map) {
+    slam::Keyframe keyframe;
+    keyframe.id = node.at("index").integer(0, kLargestIndex);
+    if (node.good() && keyframe.id <= last_keyframe_) {
+      node.at("index").fail("must be larger than the one before, " +
+                            std::to_string(last_keyframe_));
+    }
+    last_keyframe_ = keyframe.id;
+    keyframe.sequence = node.at("sequence").natural();
+    keyframe.monotonic_ns = node.at("time_ns").integer(-kFarthest_ns, kFarthest_ns);
+    keyframe.T_w_c = node.at("T_w_c").transform();
+    if (node.has("twist")) {
+      const std::vector<double> twist = node.at("twist").numbers(6);
+      checkWithin(kFastest, twist, node.at("twist"));
+      std::copy(twist.begin(), twist.end(), keyframe.twist.data());
+    }
+    for (const JsonNode& detection : node.at("detections").elements()) {
+      keyframe.detections.push_back(readDetection(detection, camera, *map));
+      const auto& all = keyframe.detections;
+      if (all.size() > 1 && all.back().id <= all[all.size() - 2].id) {
+        detection.at("id").fail("must be larger than the one before; no marker is seen twice");
+      }
+      if (!node.good()) return;
+    }
+    if (node.good()) (void)map->addKeyframe(std::move(keyframe));
+  }
+
+  slam::MarkerDetection readDetection(const JsonNode& node, const slam::CameraModel& camera,
+                                      const slam::Map& map) const {
+    slam::MarkerDetection detection;
+    detection.id = static_cast<int>(node.at("id").integer(0, largest_id_));
+    if (node.good() && map.find(detection.id) == nullptr) {
+      node.at("id").fail("the map has no marker " + std::to_string(detection.id));
+    }
+    detection.hamming = static_cast<int>(node.at("hamming").integer(0, 64));
+    const std::vector<JsonNode> pixels = node.at("pixels").elements(4);
+    const std::vector<JsonNode> covariances = node.at("normalised_covariance").elements(4);
+    for (std::size_t k = 0; k < 4 && node.good(); ++k) {
+      detection.pixels[k] = pixels[k].point2();
+      const auto normalised = camera.undistort(detection.pixels[k]);
+      if (normalised) detection.normalised[k] = *normalised;
+      if (!normalised) pixels[k].fail("the camera's lens cannot see there");
+      const std::vector<double> v = covariances[k].numbers(3);
+      detection.covariance[k] << v[0], v[1], v[1], v[2];
+      if (node.good() && !isCovariance(v[0], v[1], v[2])) {
+        covariances[k].fail("must be xx, xy, yy of a positive definite matrix");
+      }
+    }
+    return detection;
+  }
+
+  const JsonNode& root_;
+  int largest_id_ = 0;
+  slam::KeyframeId last_keyframe_ = -1;
+};
+
+constexpr std::array<std::string_view, 8> kKeys = {"format",          "version",  "checksum",
+                                                   "dictionary",      "camera",   "markers",
+                                                   "unposed_markers", "keyframes"};
+
+void checkHead(const JsonNode& root) {
+  if (root.at("format").text() != kFormat) {
+    root.at("format").fail("must be \"" + std::string(kFormat) + "\"");
+  }
+  const JsonNode version = root.at("version");
+  if (root.good() && version.json() != kVersion) {
+    version.fail("is " + version.json().dump() + ", this program reads " +
+                 std::to_string(kVersion));
+  }
+  if (!root.good()) return;
+  for (const auto& [key, value] : root.json().items()) {
+    if (std::find(kKeys.begin(), kKeys.end(), key) == kKeys.end()) {
+      root.at(key.c_str()).fail("unknown key");
+    }
+  }
+}
+
+void checkChecksum(const JsonNode& node, const std::string& text) {
+  const std::string stored = node.text();
+  const std::string line = checksumLine(stored);
+  const std::size_t begin = text.find(line);
+  if (begin != text.npos) {
+    const std::string_view all = text;
+    if (checksum(all.substr(0, begin), all.substr(begin + line.size())) == stored) return;
+  }
+  node.fail("does not match: the file is damaged, or was edited; take the line out to use it");
+}
+
+}  // namespace
+
+std::string formatMap(const slam::Map& map, const std::optional<slam::Calibration>& camera,
+                      double readout_s) {
+  std::vector<Json> posed;
+  std::vector<Json> unposed;
+  for (const auto& [id, marker] : map.markers()) {
+    (marker.T_w_m ? posed : unposed).push_back(markerJson(marker, map.dictionary));
+  }
+  std::vector<Json> keyframes;
+  for (const auto& [id, keyframe] : map.keyframes()) keyframes.push_back(keyframeJson(keyframe));
+
+  const std::string head = "{" + jsonField("format", kFormat) + jsonField("version", kVersion);
+  std::string body = jsonField("dictionary", map.dictionary);
+  body += jsonField("camera", camera ? cameraJson(*camera, readout_s) : Json(nullptr));
+  body += jsonList("markers", posed) + ",\n";
+  body += jsonList("unposed_markers", unposed) + ",\n";
+  body += jsonList("keyframes", keyframes) + "}\n";
+  return head + checksumLine(checksum(head, body)) + body;
+}
+
+Result<MapFile> parseMap(const std::string& text, const std::filesystem::path& file) {
+  const Result<Json> json = parseJson(text, file.string());
+  if (!json) return json.error();
+  std::string fault;
+  const JsonNode root(*json, &fault);
+  checkHead(root);
+  const bool has_checksum = root.has("checksum");
+  if (root.good() && has_checksum) checkChecksum(root.at("checksum"), text);
+  MapFile result;
+  if (root.good()) result = MapReader(root).read();
+  if (!fault.empty()) return Error{file.string() + ": " + fault};
+  result.has_checksum = has_checksum;
+  return result;
+}
+
+Result<MapFile> readMap(const std::filesystem::path& path) {
+  const Result<std::string> text = readTextFile(path);
+  if (!text) return text.error();
+  return parseMap(*text, path);
+}
+
+}  // namespace waymark::io

@@ -1,0 +1,38 @@
+// The SLAM's map as a file: map.json, with everything that is needed to go on with it later.
+#pragma once
+
+#include <filesystem>
+#include <optional>
+#include <string>
+
+#include "base/result.h"
+#include "io/maps/marker_corners.h"
+#include "slam/geometry/camera_model.h"
+#include "slam/map/map.h"
+
+namespace waymark::io {
+
+struct MapFile {
+  slam::Map map;
+  // What the keyframes were taken with; a map without keyframes may have none.
+  std::optional<slam::Calibration> camera;
+  // First to last row of that camera, seconds; 0 for a global shutter.
+  double readout_s = 0.0;
+  // False when the file has no checksum: somebody edited it and took the line out.
+  bool has_checksum = true;
+};
+
+// {"format":"waymark-map","version":1,"checksum",...,"dictionary",...,"camera":{...},
+// "markers":[...],"unposed_markers":[...],"keyframes":[...]}, one marker or keyframe a line. Equal
+// maps, equal bytes; and a map that was read gives the bytes it was read from.
+// Precondition: all numbers are finite; a map with keyframes has a camera.
+[[nodiscard]] std::string formatMap(const slam::Map& map,
+                                    const std::optional<slam::Calibration>& camera,
+                                    double readout_s = 0.0);
+
+// Checks the checksum, every type, number and reference. The error is one line: file, place,
+// reason.
+[[nodiscard]] Result<MapFile> parseMap(const std::string& text, const std::filesystem::path& file);
+[[nodiscard]] Result<MapFile> readMap(const std::filesystem::path& path);
+
+}  // namespace waymark::io

@@ -1,0 +1,114 @@
+#include "io/maps/old_map.h"
+
+#include <algorithm>
+#include <cmath>
+#include <utility>
+
+#include "io/text/number_text.h"
+#include "io/text/text_file.h"
+
+namespace waymark::io {
+namespace {
+
+// Two calibrations of one camera differ by a few pixels at the edge; another lens, by far more.
+constexpr double kWorstDifferencePerWidth = 0.01;
+
+Status checkMarkers(const slam::Map& map, const OldMapUse& use) {
+  if (map.dictionary != use.dictionary) {
+    return Error{"dictionary: is " + map.dictionary + ", but " + use.dictionary + " is looked for"};
+  }
+  for (const auto& [id, marker] : map.markers()) {
+    constexpr double kSame = 1e-6;
+    const double wanted_m = use.markers.sizeOf(id);
+    if (use.markers.isIgnored(id) || std::abs(marker.size_m - wanted_m) <= kSame * wanted_m) {
+      continue;
+    }
+    return Error{"markers: marker " + std::to_string(id) + " has a side of " +
+                 roundTrip(marker.size_m) + " m there, but " + roundTrip(wanted_m) + " m here"};
+  }
+  return success();
+}
+
+bool sameCamera(const slam::Calibration& a, const slam::Calibration& b) {
+  const std::optional<double> difference_px = largestLensDifference_px(a, b);
+  return difference_px && *difference_px <= kWorstDifferencePerWidth * a.width;
+}
+
+}  // namespace
+
+void agreeOnReadout(OldMap* old, slam::Options* options) {
+  slam::RollingShutterOptions& shutter = options->shutter;
+  if (!shutter.readout_s) {
+    shutter.learned_s = old->readout_s.value_or(0.0);
+  } else if (options->mapping && old->file.readout_s != *shutter.readout_s) {
+    old->file.readout_s = *shutter.readout_s;
+    old->file.map.undistortAgain(slam::CameraModel(*old->file.camera), *shutter.readout_s);
+  }
+}
+
+std::optional<double> largestLensDifference_px(const slam::Calibration& a,
+                                               const slam::Calibration& b) {
+  if (a.width != b.width || a.height != b.height || a.model != b.model) return std::nullopt;
+  constexpr int kSteps = 20;
+  const slam::CameraModel from(a);
+  const slam::CameraModel to(b);
+  double largest = 0.0;
+  for (int row = 0; row <= kSteps; ++row) {
+    for (int column = 0; column <= kSteps; ++column) {
+      const Eigen::Vector2d pixel(double(column) / kSteps * (a.width - 1),
+                                  double(row) / kSteps * (a.height - 1));
+      const auto normalised = from.undistort(pixel);
+      if (!normalised) continue;  // outside the lens
+      largest = std::max(largest, (to.distort(*normalised) - pixel).norm());
+    }
+  }
+  return largest;
+}
+
+Result<std::optional<std::string>> changeCamera(const slam::Calibration& camera, MapFile* map) {
+  const auto none = std::optional<std::string>();
+  const auto before = std::exchange(map->camera, camera);
+  if (!before) return none;
+  const std::optional<double> difference_px = largestLensDifference_px(*before, camera);
+  if (!difference_px) return Error{"camera: has another image size or lens model"};
+  const std::string apart = "up to " + fixed(*difference_px, 2) + " px apart";
+  if (!sameCamera(*before, camera)) {
+    return Error{"camera: is another one, or badly calibrated: " + apart};
+  }
+  constexpr double kRounding_px = 1e-6;
+  if (*difference_px < kRounding_px) return none;
+  map->map.undistortAgain(slam::CameraModel(camera), map->readout_s);
+  return std::optional("camera: was calibrated differently, " + apart +
+                       "; its corners are undistorted anew");
+}
+
+Result<OldMap> readOldMap(const std::filesystem::path& path, const OldMapUse& use) {
+  Result<std::string> text = readTextFile(path);
+  if (!text) return text.error();
+  return parseOldMap(std::move(text).value(), path, use);
+}
+
+Result<OldMap> parseOldMap(std::string text, const std::filesystem::path& path,
+                           const OldMapUse& use) {
+  Result<MapFile> file = parseMap(text, path);
+  if (!file) return file.error();
+  OldMap old{std::move(file).value(), std::move(text), {}, std::nullopt};
+  const std::string name = path.string() + ": ";
+  if (!old.file.has_checksum) old.warnings.push_back(name + "has no checksum: taken as it is");
+  if (const Status fits = checkMarkers(old.file.map, use); !fits) {
+    return Error{name + fits.error().message};
+  }
+  if (old.file.readout_s != 0.0 && sameCamera(*old.file.camera, use.camera)) {
+    old.readout_s = old.file.readout_s;
+  }
+  if (use.localise_only) {
+    if (!old.file.map.empty()) return old;
+    return Error{name + "markers: none has a pose, so there is nothing to localise in"};
+  }
+  const auto changed = changeCamera(use.camera, &old.file);
+  if (!changed) return Error{name + changed.error().message};
+  if (*changed) old.warnings.push_back(name + **changed);
+  return old;
+}
+
+}  // namespace waymark::io

@@ -1,0 +1,140 @@
+#include "io/settings/slam_settings.h"
+
+#include <algorithm>
+#include <array>
+#include <iterator>
+#include <string_view>
+#include <utility>
+
+#include "io/settings/marker_ids.h"
+#include "io/settings/pose_settings.h"
+#include "io/text/text_file.h"
+#include "slam/detection/codes/dictionary.h"
+
+namespace waymark::io {
+namespace {
+
+constexpr int kLargestId = 1'000'000;
+
+// One [[slam.markers.anchors]].
+std::vector<Setting> anchorKeys(slam::Anchor& anchor) {
+  return {required(integerSetting("id", anchor.id, 0, kLargestId)),
+          required(positionSetting("p_m", anchor.T_w_m)),
+          required(orientationSetting("q_wxyz", anchor.T_w_m)),
+          numberSetting("sigma_m", anchor.sigma_m, 1e-6, 100.0, "m"),
+          numberSetting("sigma_rad", anchor.sigma_rad, 1e-6, 10.0, "rad")};
+}
+
+// "3, 7-9" into `take`.
+Setting idsSetting(std::string key, std::function<Objection(std::vector<slam::IdRange>)> take) {
+  return checkedTextSetting(std::move(key),
+                            [take = std::move(take)](const std::string& text) -> Objection {
+                              const auto ranges = parseIdRanges(text);
+                              if (!ranges) return ranges.error().message;
+                              return take(*ranges);
+                            });
+}
+
+// One [[slam.markers.sizes]].
+std::vector<Setting> sizeKeys(slam::MarkerOptions::Size& size) {
+  const auto take = [&size](const std::vector<slam::IdRange>& ids) -> Objection {
+    if (ids.size() != 1) return "must be one id or one range of ids like \"7-9\"";
+    size.ids = ids.front();
+    return {};
+  };
+  return {required(idsSetting("ids", take)),
+          required(numberSetting("size_m", size.size_m, 1e-3, 100.0, "m"))};
+}
+
+std::vector<Setting> markerKeys(slam::MarkerOptions& markers) {
+  const auto ignore = [&markers](std::vector<slam::IdRange> ids) -> Objection {
+    markers.ignored = std::move(ids);
+    return {};
+  };
+  return {
+      idsSetting("slam.markers.ignored", ignore),
+      integerSetting("slam.markers.origin", markers.origin_marker, 0, kLargestId),
+      sectionsSetting<slam::MarkerOptions::Size>("slam.markers.sizes", markers.other_sizes,
+                                                 sizeKeys),
+      sectionsSetting<slam::Anchor>("slam.markers.anchors", markers.anchors, anchorKeys),
+  };
+}
+
+// The daemon's other sections.
+constexpr std::array<std::string_view, 8> kOtherSections = {
+    "body", "camera", "control", "log", "publish", "queue", "realtime", "record"};
+
+}  // namespace
+
+Objection objectToDictionary(const std::string& name) {
+  std::string known;
+  for (const std::string& other : slam::Dictionary::names()) {
+    if (other == name) return {};
+    known += " " + other;
+  }
+  return "\"" + name + "\" is not a known dictionary; known are" + known;
+}
+
+std::vector<Setting> slamSettingKeys(SlamSettings& target) {
+  slam::Options& o = target.options;
+  auto& scanner = o.detector.scanner;
+  std::vector<Setting> keys = {
+      required(textSetting("slam.dictionary", target.dictionary, objectToDictionary)),
+      required(numberSetting("slam.marker_size_m", o.markers.size_m, 1e-3, 100.0, "m")),
+      pathSetting("slam.map_in", target.map.in),
+      pathSetting("slam.map_out", target.map.out),
+      flagSetting("slam.localize_only", target.map.localise_only),
+      integerSetting("slam.map_save_interval_s", target.map.save_interval_s, 0, 1'000'000),
+      numberSetting("slam.detector.scanner.min_side_px", scanner.quads.min_side_px, 4.0, 1000.0,
+                    "px"),
+      numberSetting("slam.detector.edges.fit.min_contrast", o.detector.edges.fit.min_contrast, 1.0,
+                    255.0, "grey levels"),
+      integerSetting("slam.detector.decoder.max_wrong_bits", o.detector.decoder.max_wrong_bits, 0,
+                     8),
+      flagSetting("slam.follower.enabled", o.follower.enabled),
+      numberSetting("slam.follower.turns.round_s", o.follower.turns.round_s, 0.01, 10.0, "s"),
+      numberSetting("slam.work_per_frame", o.work_per_frame, 10.0, 1e6, ""),
+      numberSetting("slam.initialisation.ambiguity_ratio", o.initialisation.ambiguity_ratio, 1.0,
+                    1000.0, ""),
+      numberSetting("slam.tracking.marker_chi2", o.tracking.pose.marker_chi2, 1.0, 1e6, ""),
+      numberSetting("slam.tracking.worst_rms_px", o.tracking.pose.worst_rms_px, 0.1, 100.0, "px"),
+      numberSetting("slam.shutter.readout_s", o.shutter.readout_s, -0.2, 0.2, "s"),
+      numberSetting("slam.motion.max_extrapolation_s", o.tracking.motion.max_extrapolation_s, 0.0,
+                    10.0, "s"),
+      numberSetting("slam.keyframes.min_baseline_m", o.mapper.keyframes.min_baseline_m, 1e-4, 100.0,
+                    "m"),
+      numberSetting("slam.keyframes.min_baseline_per_depth",
+                    o.mapper.keyframes.min_baseline_per_depth, 0.0, 10.0, ""),
+      numberSetting("slam.keyframes.min_rotation_rad", o.mapper.keyframes.min_rotation_rad, 1e-3,
+                    3.0, "rad"),
+      integerSetting("slam.keyframes.views_per_marker", o.mapper.keyframes.views_per_marker, 2,
+                     1000),
+      integerSetting("slam.marker_pose.min_views", o.mapper.marker_pose.min_views, 2, 100),
+      numberSetting("slam.marker_pose.ambiguity_ratio", o.mapper.marker_pose.ambiguity_ratio, 1.0,
+                    1000.0, ""),
+      numberSetting("slam.relocalisation.ambiguity_ratio",
+                    o.tracking.relocalisation.ambiguity_ratio, 1.0, 1000.0, ""),
+      integerSetting("slam.local_optimisation.max_iterations",
+                     o.mapper.local_optimisation.max_iterations, 1, 100),
+  };
+  std::ranges::move(markerKeys(o.markers), std::back_inserter(keys));
+  return keys;
+}
+
+Result<SlamSettings> readSlamSettings(const std::filesystem::path& file) {
+  const Result<std::string> text = readTextFile(file);
+  if (!text) return text.error();
+  return parseSlamSettings(*text, file);
+}
+
+Result<SlamSettings> parseSlamSettings(const std::string& text, const std::filesystem::path& file) {
+  SlamSettings result;
+  std::vector<Setting> keys = slamSettingKeys(result);
+  for (Setting& key : keys) key.required = false;
+  if (const Status read = readSettings(text, file, keys, kOtherSections); !read) {
+    return read.error();
+  }
+  return result;
+}
+
+}  // namespace waymark::io

@@ -1,0 +1,278 @@
+#include "slam/detection/edges/edge_fit.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstddef>
+
+#include "base/vectorised.h"
+#include "slam/geometry/small_cholesky.h"
+
+namespace waymark::slam {
+namespace {
+
+// The unknowns: shift at start and end, white, black, blur, and the slopes of white and black along
+// the edge.
+enum Unknown { kShiftStart, kShiftEnd, kWhite, kBlack, kBlur, kWhiteSlope, kBlackSlope };
+constexpr std::size_t kUnknowns = 7;
+using VectorU = Eigen::Matrix<double, kUnknowns, 1>;
+using MatrixU = Eigen::Matrix<double, kUnknowns, kUnknowns>;
+
+// What the normal equations are made of: H row by row of its lower triangle, the gradient, the sum
+// of squared residuals and that of the weights.
+constexpr std::size_t kTriangle = kUnknowns * (kUnknowns + 1) / 2;
+constexpr std::size_t kSquares = kTriangle + kUnknowns;
+constexpr std::size_t kWeights = kSquares + 1;
+constexpr std::size_t kSums = (kWeights + 1 + kLanes - 1) / kLanes * kLanes;  // and some of nothing
+
+struct NormalSums {
+  alignas(32) std::array<float, kSums> sums{};
+
+  [[nodiscard]] MatrixU matrix() const {
+    MatrixU matrix;
+    std::size_t k = 0;
+    for (Eigen::Index i = 0; i < matrix.rows(); ++i) {
+      for (Eigen::Index j = 0; j <= i; ++j) matrix(i, j) = matrix(j, i) = sums[k++];
+    }
+    return matrix;
+  }
+  [[nodiscard]] VectorU gradient() const {
+    VectorU gradient;
+    for (std::size_t i = 0; i < kUnknowns; ++i) {
+      gradient[static_cast<Eigen::Index>(i)] = sums[kTriangle + i];
+    }
+    return gradient;
+  }
+  // Of the residuals; at least a quarter, which quantisation makes.
+  [[nodiscard]] double variance() const {
+    const double degrees = static_cast<double>(sums[kWeights]) - double{kUnknowns};
+    return std::max(static_cast<double>(sums[kSquares]) / std::max(degrees, 1.0), 0.25);
+  }
+};
+
+// Which steps of eight rows are not plains: whether any of their samples is near the side before or
+// after, or in front of a white cell.
+struct Neighbours {
+  bool start;
+  bool end;
+  bool ring;
+};
+using GroupNeighbours = std::array<Neighbours, EdgeRows::kMostRows / kLanes>;
+
+// blur_px: the largest that is to be reckoned with.
+void findNeighbours(const EdgeRows& rows, float blur_px, GroupNeighbours* groups) {
+  const float reach = kBlurReach * blur_px;
+  const auto last = static_cast<float>(rows.across() - 1);
+  for (std::size_t first = 0; first < rows.rows(); first += kLanes) {
+    Neighbours& group = (*groups)[first / kLanes];
+    group = {};
+    for (std::size_t i = first; i < first + kLanes; ++i) {
+      if (rows.innermost[i] > rows.outermost[i]) continue;  // nothing counts
+      group.start |= rows.to_start[i] + std::min(0.0F, last * rows.to_start_step) < reach;
+      group.end |= rows.to_end[i] + std::min(0.0F, last * rows.to_end_step) < reach;
+      group.ring |= rows.ring_white[i] > 0.0F && rows.thickness[i] + rows.innermost[i] < reach;
+    }
+  }
+}
+
+// Sums over the samples of eight rows: what the normal equations are made of. s, l, d and b are the
+// derivatives by shift, white, black and blur; r is the residual.
+struct RowSums {
+  Lanes ss{}, sl{}, sd{}, sb{}, ll{}, ld{}, dd{}, lb{}, db{}, bb{};
+  Lanes sr{}, lr{}, dr{}, br{};
+  Lanes rr{}, weights{};
+};
+
+// The terms of NormalSums that eight rows add, each row's t put in.
+WAYMARK_INLINE void termsOf(const RowSums& s, const Lanes& t, std::array<Lanes, kSums>* terms) {
+  const Lanes u = 1.0F - t;
+  const Lanes c = t - 0.5F;
+  const Lanes cc = c * c;
+  const Lanes none{};
+  *terms = {u * u * s.ss,                                                         // start
+            u * t * s.ss, t * t * s.ss,                                           // end
+            u * s.sl,     t * s.sl,     s.ll,                                     // white
+            u * s.sd,     t * s.sd,     s.ld,     s.dd,                           // black
+            u * s.sb,     t * s.sb,     s.lb,     s.db,     s.bb,                 // blur
+            c * u * s.sl, c * t * s.sl, c * s.ll, c * s.ld, c * s.lb, cc * s.ll,  // slopes
+            c * u * s.sd, c * t * s.sd, c * s.ld, c * s.dd, c * s.db, cc * s.ld, cc * s.dd,
+            u * s.sr,     t * s.sr,     s.lr,     s.dr,     s.br,     c * s.lr,  c * s.dr,
+            s.rr,         s.weights,    none,     none,     none};
+}
+
+// cut: squared residual at which a pixel's weight has fallen to a half (Cauchy's kernel).
+// Precondition: there are rows.
+WAYMARK_VECTORISED void linearise(const EdgeRows& rows, const GroupNeighbours& neighbours,
+                                  const std::array<float, kUnknowns>& x, float cut,
+                                  NormalSums* normal) {
+  const float contrast = x[kBlack] - x[kWhite];
+  const float per_cut = 1.0F / cut;
+  const float per_blur = 1.0F / x[kBlur];
+  const Lanes none{};
+  std::array<Lanes, kSums> sums;
+  for (std::size_t i = 0; i < rows.rows(); i += kLanes) {
+    const Neighbours& near = neighbours[i / kLanes];
+    const Lanes t = lanesAt(rows.t.data(), i);
+    const Lanes white = x[kWhite] + x[kWhiteSlope] * (t - 0.5F);
+    const Lanes black = x[kBlack] + x[kBlackSlope] * (t - 0.5F);
+    const Lanes shift = x[kShiftStart] + t * (x[kShiftEnd] - x[kShiftStart]);
+    const Lanes step = lanesAt(rows.step.data(), i);
+    const Lanes innermost = lanesAt(rows.innermost.data(), i);
+    const Lanes outermost = lanesAt(rows.outermost.data(), i);
+    const float* const grey = rows.grey(i);
+    Lanes distance = lanesAt(rows.distance.data(), i);
+    Lanes to_start = lanesAt(rows.to_start.data(), i);
+    Lanes to_end = lanesAt(rows.to_end.data(), i);
+    RowSums s;
+    for (std::size_t k = 0; k < rows.across(); ++k) {
+      const Lanes place = (shift - distance) * per_blur;
+      BlurredStep<Lanes> edge;
+      blurredStepAt(place, &edge);
+      Lanes dark = edge.height;
+      Lanes by_shift = edge.slope * (contrast * per_blur);
+      if (near.start || near.end || near.ring) {
+        Lanes factor = none + 1.0F;
+        if (near.start) {
+          blurredStepAt(to_start * per_blur, &edge);
+          factor *= edge.height;
+        }
+        if (near.end) {
+          blurredStepAt(to_end * per_blur, &edge);
+          factor *= edge.height;
+        }
+        if (near.ring) {
+          blurredStepAt(-(distance + lanesAt(rows.thickness.data(), i)) * per_blur, &edge);
+          factor *= 1.0F - lanesAt(rows.ring_white.data(), i) * edge.height;
+        }
+        dark *= factor;
+        by_shift *= factor;
+      }
+      const Lanes light = 1.0F - dark;
+      const Lanes by_blur = -by_shift * place;
+      const Lanes residual = light * white + dark * black - lanesAt(grey, k * kLanes);
+      const IntLanes counts = (distance >= innermost) & (distance <= outermost);
+      const Lanes robust = 1.0F / (1.0F + residual * residual * per_cut);
+      const Lanes weight = counts ? robust : none;
+      const Lanes ws = weight * by_shift;
+      const Lanes wl = weight * light;
+      const Lanes wd = weight * dark;
+      const Lanes wb = weight * by_blur;
+      s.ss += ws * by_shift;
+      s.sl += ws * light;
+      s.sd += ws * dark;
+      s.sb += ws * by_blur;
+      s.ll += wl * light;
+      s.ld += wl * dark;
+      s.dd += wd * dark;
+      s.lb += wl * by_blur;
+      s.db += wd * by_blur;
+      s.bb += wb * by_blur;
+      s.sr += ws * residual;
+      s.lr += wl * residual;
+      s.dr += wd * residual;
+      s.br += wb * residual;
+      s.rr += weight * residual * residual;
+      s.weights += weight;
+      distance += step;
+      to_start += rows.to_start_step;
+      to_end += rows.to_end_step;
+    }
+    std::array<Lanes, kSums> terms;
+    termsOf(s, t, i == 0 ? &sums : &terms);
+    if (i == 0) continue;
+    for (std::size_t k = 0; k < kSums; ++k) sums[k] += terms[k];
+  }
+  for (std::size_t k = 0; k < kSums; k += kLanes) {
+    sumEach({sums[k], sums[k + 1], sums[k + 2], sums[k + 3], sums[k + 4], sums[k + 5], sums[k + 6],
+             sums[k + 7]},
+            &lanesAt(normal->sums.data(), k));
+  }
+}
+
+// How many samples count.
+WAYMARK_VECTORISED int pixelsIn(const EdgeRows& rows) {
+  IntLanes counted{};
+  for (std::size_t i = 0; i < rows.rows(); i += kLanes) {
+    const Lanes innermost = lanesAt(rows.innermost.data(), i);
+    const Lanes outermost = lanesAt(rows.outermost.data(), i);
+    Lanes distance = lanesAt(rows.distance.data(), i);
+    for (std::size_t k = 0; k < rows.across(); ++k) {
+      counted -= (distance >= innermost) & (distance <= outermost);  // true is -1
+      distance += lanesAt(rows.step.data(), i);
+    }
+  }
+  int pixels = 0;
+  for (std::size_t lane = 0; lane < kLanes; ++lane) pixels += counted[lane];
+  return pixels;
+}
+
+}  // namespace
+
+std::optional<EdgeFit> fitEdge(const EdgeRows& rows, const EdgeFit& start,
+                               const EdgeFitOptions& options) {
+  constexpr int kFewest = 16;
+  constexpr double kConverged = 0.02;   // pixels: the next step would be a quarter of it at most
+  constexpr double kLongestStep = 1.5;  // pixels
+  // Standard deviations of the priors that hold what a short edge cannot tell.
+  constexpr double kSlopePrior = 10.0;  // grey levels from end to end
+  constexpr double kBlurPrior = 0.5;    // pixels
+  if (pixelsIn(rows) < kFewest) return std::nullopt;
+
+  VectorU x;
+  x << start.shift_start, start.shift_end, start.white, start.black, start.blur_px, 0.0, 0.0;
+  constexpr double kMostGrowth = 1.3;  // of the blur
+  GroupNeighbours neighbours;
+  findNeighbours(rows, static_cast<float>(kMostGrowth * start.blur_px), &neighbours);
+  MatrixU L;  // of the last iteration
+  // Where the levels are guessed, nothing is an outlier yet.
+  double variance = start.variance > 0.0 ? start.variance : 1e9;
+  for (int iteration = 0; iteration < options.iterations; ++iteration) {
+    const auto cut = static_cast<float>(9.0 * std::max(variance, 1.0));
+    std::array<float, kUnknowns> xf;
+    for (std::size_t i = 0; i < kUnknowns; ++i) {
+      xf[i] = static_cast<float>(x[static_cast<Eigen::Index>(i)]);
+    }
+    NormalSums sums;
+    linearise(rows, neighbours, xf, cut, &sums);
+    MatrixU H = sums.matrix();
+    VectorU g = sums.gradient();
+    variance = sums.variance();
+    const auto prior = [&](Unknown k, double mean, double sigma) {
+      const double weight = variance / (sigma * sigma);
+      H(k, k) += weight;
+      g[k] += weight * (x[k] - mean);
+    };
+    prior(kBlur, start.blur_px, kBlurPrior);
+    prior(kWhiteSlope, 0.0, kSlopePrior);
+    prior(kBlackSlope, 0.0, kSlopePrior);
+
+    L = H;
+    if (!factoriseCholesky(&L)) return std::nullopt;
+    VectorU step = solveCholesky(L, g);
+    if (!step.allFinite()) return std::nullopt;
+    for (const Unknown k : {kShiftStart, kShiftEnd}) {
+      step[k] = std::clamp(step[k], -kLongestStep, kLongestStep);
+    }
+    x -= step;
+    x[kBlur] = std::clamp(x[kBlur], options.min_blur_px, options.max_blur_px);
+    if (std::max(std::abs(x[kShiftStart]), std::abs(x[kShiftEnd])) > options.max_shift_px) {
+      return std::nullopt;
+    }
+    const double moved = std::max(std::abs(step[kShiftStart]), std::abs(step[kShiftEnd]));
+    if ((iteration > 0 || start.variance > 0.0) && moved < kConverged) break;
+  }
+  if (x[kWhite] - x[kBlack] < options.min_contrast) return std::nullopt;
+  EdgeFit fit{.shift_start = x[kShiftStart],
+              .shift_end = x[kShiftEnd],
+              .white = x[kWhite],
+              .black = x[kBlack],
+              .blur_px = x[kBlur],
+              .variance = variance};
+  fit.covariance.col(0) =
+      variance * solveCholesky<kUnknowns>(L, VectorU::Unit(kShiftStart)).head<2>();
+  fit.covariance.col(1) =
+      variance * solveCholesky<kUnknowns>(L, VectorU::Unit(kShiftEnd)).head<2>();
+  return fit;
+}
+
+}  // namespace waymark::slam

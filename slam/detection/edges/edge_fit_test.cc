@@ -1,0 +1,146 @@
+#include "slam/detection/edges/edge_fit.h"
+
+#include <cmath>
+#include <random>
+
+#include <gtest/gtest.h>
+
+namespace waymark::slam {
+namespace {
+
+struct Truth {
+  double shift_start = 0.3;
+  double shift_end = -0.2;
+  double blur_px = 0.8;
+  double noise = 0.0;       // grey levels
+  double thickness = 6.0;   // of the border, pixels
+  bool white_ring = false;  // the cells behind the border
+  bool ring_known = true;
+};
+
+double gaussian(double x) { return 0.5 * std::erfc(-x / std::sqrt(2.0)); }
+
+// A straight edge 40 pixels long, seen by pixels on a grid.
+EdgeRows render(const Truth& truth, double reach, std::mt19937* rng) {
+  constexpr double kLength = 40.0;
+  std::normal_distribution<double> noise(0.0, 1.0);
+  EdgeRows rows;
+  constexpr int kEnd = 3;
+  rows.resize(static_cast<std::size_t>(kLength) - 2 * kEnd + 1,
+              static_cast<std::size_t>(2.0 * reach) + 1);
+  for (int along = kEnd; along <= kLength - kEnd; ++along) {
+    const double t = along / kLength;
+    const double nearest = std::ceil(-reach) + 0.37 * t;  // the grid is not aligned with the edge
+    EdgeRow row;
+    row.t = static_cast<float>(t);
+    row.distance = static_cast<float>(nearest);
+    row.step = 1.0F;
+    row.innermost = -100.0F;
+    row.outermost = 100.0F;
+    row.to_start = static_cast<float>(along);
+    row.to_end = static_cast<float>(kLength - along);
+    row.thickness = static_cast<float>(truth.thickness);
+    row.ring_white = truth.white_ring && truth.ring_known ? 1.0F : 0.0F;
+    const auto number = static_cast<std::size_t>(along - kEnd);
+    rows.set(number, row);
+    const double shift = truth.shift_start + t * (truth.shift_end - truth.shift_start);
+    for (std::size_t k = 0; k < rows.across(); ++k) {
+      const double d = nearest + static_cast<double>(k);
+      double dark = gaussian((shift - d) / truth.blur_px);
+      if (truth.white_ring) dark *= 1.0 - gaussian(-(d + truth.thickness) / truth.blur_px);
+      rows.setGrey(number, k, static_cast<float>(200.0 - 160.0 * dark + truth.noise * noise(*rng)));
+    }
+  }
+  rows.ignorePadding();
+  return rows;
+}
+
+// Of every grey level, what `change` makes of it.
+template <typename Change>
+void changeGrey(EdgeRows* rows, const Change& change) {
+  for (std::size_t i = 0; i < rows->rows(); ++i) {
+    for (std::size_t k = 0; k < rows->across(); ++k) {
+      rows->setGrey(i, k, change(rows->greyAt(i, k)));
+    }
+  }
+}
+
+class EdgeFitTest : public ::testing::Test {
+ protected:
+  std::mt19937 rng_{1};
+  EdgeFitOptions options_;
+};
+
+TEST_F(EdgeFitTest, FindsTheEdgeItsLevelsAndItsBlur) {
+  for (const double blur : {0.6, 0.8, 1.5}) {
+    Truth truth;
+    truth.blur_px = blur;
+    const auto fit = fitEdge(render(truth, 4.0, &rng_), {}, options_);
+    ASSERT_TRUE(fit);
+    EXPECT_NEAR(fit->shift_start, truth.shift_start, 0.005);
+    EXPECT_NEAR(fit->shift_end, truth.shift_end, 0.005);
+    EXPECT_NEAR(fit->white, 200.0, 0.5);
+    EXPECT_NEAR(fit->black, 40.0, 0.5);
+    EXPECT_NEAR(fit->blur_px, blur, 0.02);
+  }
+}
+
+// The covariance is that of the errors over many noisy edges.
+TEST_F(EdgeFitTest, CovarianceIsHonest) {
+  constexpr int kTrials = 500;
+  Truth truth;
+  truth.noise = 4.0;
+  double squares = 0.0;
+  double bias = 0.0;
+  for (int i = 0; i < kTrials; ++i) {
+    const auto fit = fitEdge(render(truth, 3.0, &rng_), {}, options_);
+    ASSERT_TRUE(fit);
+    const double error = fit->shift_start - truth.shift_start;
+    squares += error * error / fit->covariance(0, 0);
+    bias += error;
+  }
+  EXPECT_NEAR(squares / kTrials, 1.0, 0.25);
+  EXPECT_LT(std::abs(bias / kTrials), 0.005);
+}
+
+// A white cell two and a half pixels behind the edge pulls an ignorant fit; knowing it is there
+// takes the pull away.
+TEST_F(EdgeFitTest, KnowingTheCodeRemovesItsPull) {
+  Truth truth;
+  truth.thickness = 2.5;
+  truth.white_ring = true;
+  const auto knowing = fitEdge(render(truth, 2.4, &rng_), {}, options_);
+  truth.ring_known = false;
+  const auto ignorant = fitEdge(render(truth, 2.4, &rng_), {}, options_);
+  ASSERT_TRUE(knowing && ignorant);
+  EXPECT_NEAR(knowing->shift_start, truth.shift_start, 0.01);
+  EXPECT_GT(std::abs(ignorant->shift_start - truth.shift_start),
+            4.0 * std::abs(knowing->shift_start - truth.shift_start));
+}
+
+TEST_F(EdgeFitTest, AFewWrongPixelsDoNotMoveIt) {
+  Truth truth;
+  truth.noise = 1.0;
+  auto rows = render(truth, 3.0, &rng_);
+  int number = 0;
+  changeGrey(&rows, [&](float grey) { return ++number % 23 == 0 ? 255.0F - grey : grey; });
+  const auto fit = fitEdge(rows, {}, options_);
+  ASSERT_TRUE(fit);
+  EXPECT_NEAR(fit->shift_start, truth.shift_start, 0.05);
+  EXPECT_NEAR(fit->shift_end, truth.shift_end, 0.05);
+}
+
+TEST_F(EdgeFitTest, RefusesWhatIsNoEdge) {
+  EXPECT_FALSE(fitEdge(EdgeRows{}, {}, options_));
+  Truth truth;
+  auto flat = render(truth, 3.0, &rng_);
+  changeGrey(&flat, [](float) { return 90.0F; });
+  EXPECT_FALSE(fitEdge(flat, {}, options_));
+  auto inverted = render(truth, 3.0, &rng_);
+  // Light inside, dark outside.
+  changeGrey(&inverted, [](float grey) { return 240.0F - grey; });
+  EXPECT_FALSE(fitEdge(inverted, {}, options_));
+}
+
+}  // namespace
+}  // namespace waymark::slam

@@ -1,0 +1,292 @@
+#include "slam/detection/edges/edge_refiner.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
+
+#include <Eigen/Geometry>
+#include <Eigen/LU>
+
+#include "base/vectorised.h"
+namespace waymark::slam {
+namespace {
+
+// How far from the side pixels are looked at, and how near its ends, pixels.
+struct SideWindow {
+  double outer;
+  double inner;
+  double end_margin;
+};
+
+// Wide enough for the blur, but not beyond what the model knows: outside, the quiet zone is taken
+// to be as wide as the border; inside, the cells behind the border are known only with the code.
+SideWindow windowFor(const MarkerSide& side, double blur_px, bool code_known) {
+  constexpr double kNarrowest = 1.5;
+  const double wanted = 2.5 * blur_px + 0.7;
+  const double border = std::min(side.thickness_start, side.thickness_end);
+  const auto within = [&](double share) {
+    return std::clamp(wanted, kNarrowest, std::max(kNarrowest, share * border));
+  };
+  return {within(0.9), within(code_known ? 1.0 : 0.6),
+          std::min(1.2 * blur_px + 0.5, 0.25 * side.length_px)};
+}
+
+// The line of a side moved by its fit: (n, c) with n . p + c = 0, up to scale.
+Eigen::Vector3d movedLine(const MarkerSide& side, const EdgeFit& fit) {
+  const Eigen::Vector2d a = side.start + side.outward * (fit.shift_start / side.scale_start);
+  const Eigen::Vector2d b = side.end + side.outward * (fit.shift_end / side.scale_end);
+  const Eigen::Vector2d n(-(b - a).y(), (b - a).x());
+  return Eigen::Vector3d(n.x(), n.y(), -n.dot(a)).normalized();
+}
+
+struct Corner {
+  Eigen::Vector2d normalised;
+  Eigen::Matrix2d covariance;
+};
+
+// Where the end of side `in` meets the start of side `out`. Empty when they are nearly parallel.
+std::optional<Corner> intersect(const MarkerSide& in, const EdgeFit& in_fit, const MarkerSide& out,
+                                const EdgeFit& out_fit, double systematic_sigma_px) {
+  constexpr double kNearlyParallel = 0.05;  // sine of the angle between them
+  Eigen::Matrix2d normals;
+  normals.row(0) = in.outward;
+  normals.row(1) = out.outward;
+  if (!(std::abs(normals.determinant()) > kNearlyParallel)) return std::nullopt;
+  const Eigen::Vector3d meet = movedLine(in, in_fit).cross(movedLine(out, out_fit));
+  Corner corner;
+  corner.normalised = meet.head<2>() / meet.z();
+  if (!corner.normalised.allFinite()) return std::nullopt;
+  // A corner moves so that both lines still pass through it: normals * d = (shift in, shift out).
+  const Eigen::Matrix2d inverse = normals.inverse();
+  const Eigen::Vector2d variance(in_fit.covariance(1, 1) / (in.scale_end * in.scale_end),
+                                 out_fit.covariance(0, 0) / (out.scale_start * out.scale_start));
+  corner.covariance = inverse * variance.asDiagonal() * inverse.transpose();
+  const double systematic = systematic_sigma_px / in.scale_end;
+  corner.covariance.diagonal().array() += systematic * systematic;
+  return corner;
+}
+
+// How white the cell behind the border is at t. Only the nearest boundary between cells matters.
+float ringWhite(const MarkerSide& side, const InnerRing& ring, std::size_t index, double t,
+                double blur_px) {
+  const double d = t + side.perspective * (1.0 - t);
+  const double u = side.cells * t / d;  // MarkerSide::printCoordinate()
+  const int boundary = static_cast<int>(u + 0.5);
+  const float before = ring.cell(index, boundary - 1);
+  const float after = ring.cell(index, boundary);
+  if (before == after) return before;
+  const double per_cell = side.length_px / (side.cells * side.perspective * blur_px);
+  BlurredStep<float> step{};
+  blurredStepAt(static_cast<float>((u - boundary) * d * d * per_cell), &step);
+  return before + step.height * (after - before);
+}
+
+// Rows of pixels across a side.
+struct RowGrid {
+  Eigen::Index major;  // axis along which they follow each other; the other is the minor one
+  int first;           // the first row's coordinate
+  int step;            // from row to row, pixels
+  int last_minor;      // of the image
+  float reach;         // how far from the side along a row, pixels
+};
+
+WAYMARK_INLINE Lanes polynomial(const std::array<float, 5>& c, const Lanes& t) {
+  return c[0] + t * (c[1] + t * (c[2] + t * (c[3] + t * c[4])));
+}
+WAYMARK_INLINE Lanes derivativeOf(const std::array<float, 5>& c, const Lanes& t) {
+  return c[1] + t * (2.0F * c[2] + t * (3.0F * c[3] + t * (4.0F * c[4])));
+}
+
+// Where each row crosses the side, and what follows from that. first_sample: by row, its first
+// sample's coordinate on the minor axis.
+WAYMARK_VECTORISED void crossRows(const MarkerSide& side, const SideWindow& window,
+                                  const RowGrid& grid, EdgeRows* rows, std::int32_t* first_sample) {
+  const auto f = [](double value) { return static_cast<float>(value); };
+  std::array<float, 5> along;
+  std::array<float, 5> over;
+  for (std::size_t k = 0; k < along.size(); ++k) {
+    along[k] = f(side.curve_px[k][grid.major]);
+    over[k] = f(side.curve_px[k][1 - grid.major]);
+  }
+  const float per_delta = 1.0F / f((side.end_px - side.start_px)[grid.major]);
+  const float outward_sign = grid.major == 1 ? 1.0F : -1.0F;
+  const float start_px = f(side.length_px * side.sine_start);
+  const float end_px = f(side.length_px * side.sine_end);
+  const float outer = f(window.outer);
+  const float inner = -f(window.inner);
+  const float thickness = f(side.thickness_start);
+  const float thickness_slope = f(side.thickness_end - side.thickness_start);
+  const auto last_minor = static_cast<float>(grid.last_minor);
+  const auto to_last_sample = static_cast<float>(rows->across() - 1);
+  constexpr float kRounding = 1e-3F;
+  const Lanes none{};
+  for (std::size_t i = 0; i < rows->rows(); i += kLanes) {
+    Lanes c;
+    for (std::size_t k = 0; k < kLanes; ++k) {
+      c[k] = static_cast<float>(grid.first + static_cast<int>(i + k) * grid.step);
+    }
+    // By Newton's method from the chord.
+    Lanes t = (c - along[0]) * per_delta;
+    t -= (polynomial(along, t) - c) / derivativeOf(along, t);
+    const Lanes p = polynomial(over, t);
+    const Lanes d_along = derivativeOf(along, t);
+    const Lanes d_over = derivativeOf(over, t);
+    const Lanes squared = d_along * d_along + d_over * d_over;
+    Lanes norm;
+    for (std::size_t k = 0; k < kLanes; ++k) norm[k] = std::sqrt(squared[k]);
+    const Lanes outward = outward_sign * d_along / norm;
+    // False for a NaN. Rows that cross the side outside the image have nothing of it.
+    const IntLanes crosses = (p > -grid.reach) & (p < last_minor + grid.reach);
+    const Lanes lowest = crosses ? p - grid.reach : none;
+    IntLanes low = __builtin_convertvector(lowest, IntLanes);  // towards zero
+    low -= __builtin_convertvector(low, Lanes) < lowest;       // true is -1
+    const Lanes first = __builtin_convertvector(low, Lanes);
+    const Lanes last = first + to_last_sample;
+    const Lanes before = first - p;
+    const Lanes one_end = ((first > 0.0F ? first : none) - p) * outward;
+    const Lanes other_end = ((last < last_minor ? last : none + last_minor) - p) * outward;
+    const Lanes nearest = (one_end < other_end ? one_end : other_end) - kRounding;
+    const Lanes farthest = (one_end < other_end ? other_end : one_end) + kRounding;
+    lanesAt(rows->t.data(), i) = t;
+    lanesAt(rows->distance.data(), i) = before * outward;
+    lanesAt(rows->step.data(), i) = outward;
+    lanesAt(rows->innermost.data(), i) =
+        crosses ? (nearest > inner ? nearest : none + inner) : none + 1.0F;
+    lanesAt(rows->outermost.data(), i) =
+        crosses ? (farthest < outer ? farthest : none + outer) : none - 1.0F;
+    lanesAt(rows->to_start.data(), i) = t * start_px + before * rows->to_start_step;
+    lanesAt(rows->to_end.data(), i) = (1.0F - t) * end_px + before * rows->to_end_step;
+    lanesAt(rows->thickness.data(), i) = thickness + t * thickness_slope;
+    for (std::size_t k = 0; k < kLanes; ++k) first_sample[i + k] = low[k];
+  }
+  rows->ignorePadding();
+}
+
+// What lies beyond 0 .. last goes to the nearer end, however far away it is.
+int inRange(double value, int last) {
+  if (!(value > 0.0)) return 0;
+  return value < last ? static_cast<int>(value) : last;
+}
+
+double largestShift(const EdgeFit& fit) {
+  return std::max(std::abs(fit.shift_start), std::abs(fit.shift_end));
+}
+
+}  // namespace
+
+InnerRing InnerRing::of(const Dictionary& dictionary, int id) {
+  const int n = dictionary.side();
+  InnerRing ring;
+  ring.cells_per_side = n;
+  for (int j = 0; j < n; ++j) {
+    const auto bit = [&](int row, int column) {
+      return static_cast<std::uint32_t>(dictionary.white(id, row, column) ? 1U : 0U) << j;
+    };
+    ring.white[0] |= bit(1, 1 + j);
+    ring.white[1] |= bit(1 + j, n);
+    ring.white[2] |= bit(n, n - j);
+    ring.white[3] |= bit(n - j, 1);
+  }
+  return ring;
+}
+
+EdgeRefiner::EdgeRefiner(const CameraModel& camera, const EdgeRefinerOptions& options)
+    : camera_(camera), options_(options) {}
+
+void EdgeRefiner::layOutRows(const ImageView& image, const std::array<MarkerSide, 4>& sides,
+                             std::size_t index, const InnerRing* ring, int most_rows,
+                             double blur_px) {
+  const MarkerSide& side = sides[index];
+  const SideWindow window = windowFor(side, blur_px, ring != nullptr);
+  // Rows follow each other along the side's longer axis, and cross it along the other.
+  const Eigen::Vector2d delta_px = side.end_px - side.start_px;
+  const Eigen::Index major = std::abs(delta_px.x()) >= std::abs(delta_px.y()) ? 0 : 1;
+  const Eigen::Index minor = 1 - major;
+  const int last_major = (major == 0 ? image.width : image.height) - 1;
+  const int last_minor = (major == 0 ? image.height : image.width) - 1;
+  const double reach =
+      std::max(window.outer, window.inner) * side.length_px / std::abs(delta_px[major]);
+  const auto across = std::min(static_cast<std::size_t>(2.0 * reach) + 1, EdgeRows::kMostAcross);
+
+  const double margin_t = window.end_margin / side.length_px;
+  const double from = side.pixelAt(margin_t)[major];
+  const double to = side.pixelAt(1.0 - margin_t)[major];
+  const int first = inRange(std::ceil(std::min(from, to)), last_major);
+  const int last = inRange(std::floor(std::max(from, to)), last_major);
+  const int most = std::min(most_rows, static_cast<int>(EdgeRows::kMostRows));
+  const int step = 1 + (last - first) / std::max(most, 1);
+  const int count = last < first ? 0 : (last - first) / step + 1;
+  rows_.resize(static_cast<std::size_t>(count), across);
+  const auto inwards = [&](const MarkerSide& neighbour) {  // per pixel of a row
+    const Eigen::Vector2d along = (neighbour.end_px - neighbour.start_px).normalized();
+    return static_cast<float>(minor == 0 ? -along.y() : along.x());
+  };
+  rows_.to_start_step = inwards(sides[(index + 3) % 4]);
+  rows_.to_end_step = inwards(sides[(index + 1) % 4]);
+  crossRows(side, window, {major, first, step, last_minor, static_cast<float>(reach)}, &rows_,
+            first_sample_.data());
+
+  for (std::size_t row = 0; row < static_cast<std::size_t>(count); ++row) {
+    rows_.ring_white[row] =
+        ring == nullptr ? 0.0F : ringWhite(side, *ring, index, double{rows_.t[row]}, blur_px);
+    const int c = first + static_cast<int>(row) * step;
+    const int low = first_sample_[row];
+    const auto greyAt = [&](int r) {
+      return static_cast<float>(major == 0 ? image.at(c, r) : image.at(r, c));
+    };
+    if (low >= 0 && low + static_cast<int>(across) - 1 <= last_minor) {
+      for (std::size_t k = 0; k < across; ++k) {
+        rows_.setGrey(row, k, greyAt(low + static_cast<int>(k)));
+      }
+    } else {
+      for (std::size_t k = 0; k < across; ++k) {
+        rows_.setGrey(row, k, greyAt(std::clamp(low + static_cast<int>(k), 0, last_minor)));
+      }
+    }
+  }
+}
+
+std::optional<RefinedQuad> EdgeRefiner::refine(const ImageView& image,
+                                               const std::array<Eigen::Vector2d, 4>& corners,
+                                               int cells, const InnerRing* ring,
+                                               const SideFits* edges) {
+  RefinedQuad quad;
+  quad.normalised = corners;
+  SideFits& fits = quad.edges;
+  if (edges != nullptr) {
+    fits = *edges;
+  } else {
+    for (EdgeFit& fit : fits) fit.blur_px = options_.initial_blur_px;
+  }
+
+  // Where the edge was far from the first guess, the window is laid around it and fitted again.
+  constexpr int kPasses = 2;
+  const bool rough_first = ring != nullptr && edges == nullptr;
+  bool settled = false;
+  for (int pass = rough_first ? -1 : 0; pass < kPasses && !settled; ++pass) {
+    const auto sides = layOutSides(camera_, quad.normalised, cells);
+    if (!sides) return std::nullopt;
+    const int rows = pass < 0 || ring == nullptr ? options_.rows_rough : options_.rows_fine;
+    settled = pass >= 0;
+    for (std::size_t k = 0; k < 4; ++k) {
+      fits[k].shift_start = fits[k].shift_end = 0.0;
+      layOutRows(image, *sides, k, ring, rows, fits[k].blur_px);
+      const auto fit = fitEdge(rows_, fits[k], options_.fit);
+      if (!fit) return std::nullopt;
+      fits[k] = *fit;
+      settled = settled && largestShift(*fit) < options_.settled_shift_px;
+    }
+    for (std::size_t k = 0; k < 4; ++k) {
+      const std::size_t before = (k + 3) % 4;
+      const auto corner = intersect((*sides)[before], fits[before], (*sides)[k], fits[k],
+                                    options_.systematic_sigma_px);
+      if (!corner) return std::nullopt;
+      quad.normalised[k] = corner->normalised;
+      quad.covariance[k] = corner->covariance;
+    }
+  }
+  for (std::size_t k = 0; k < 4; ++k) quad.pixels[k] = camera_.distort(quad.normalised[k]);
+  return quad;
+}
+
+}  // namespace waymark::slam

@@ -1,0 +1,88 @@
+// Sub-pixel corners of a marker: a line is fitted to the grey-level edge along each side, in
+// undistorted coordinates (edge_fit.h), and the corners are the lines' intersections.
+#pragma once
+
+#include <array>
+#include <cstddef>
+#include <cstdint>
+#include <optional>
+
+#include <Eigen/Core>
+
+#include "base/image_view.h"
+#include "slam/detection/codes/dictionary.h"
+#include "slam/detection/edges/edge_fit.h"
+#include "slam/detection/edges/edge_rows.h"
+#include "slam/detection/edges/marker_side.h"
+#include "slam/geometry/camera_model.h"
+
+namespace waymark::slam {
+
+struct EdgeRefinerOptions {
+  EdgeFitOptions fit;
+  // Blur to start from where none is known, standard deviation in pixels.
+  double initial_blur_px = 0.9;
+  // Rows of pixels across a side that are used, at most: few to decide whether a candidate is a
+  // marker at all, more for its corners. More costs time and averages more noise.
+  int rows_rough = 16;
+  int rows_fine = 64;
+  // A fit that moved a side by more than this is done again around the new place, pixels.
+  double settled_shift_px = 0.5;
+  // Error of a corner that the grey levels do not show (print, paper, lens model), pixels.
+  double systematic_sigma_px = 0.03;
+};
+
+// The ring of code cells next to the border, in the order of the corners given to refine(): bit j
+// of white[s] is cell j along side s, counted from corner s on.
+struct InnerRing {
+  int cells_per_side = 0;  // code cells; the border adds one at either end
+  std::array<std::uint32_t, 4> white{};
+
+  [[nodiscard]] static InnerRing of(const Dictionary& dictionary, int id);
+
+  // Whether the cell after j whole ones is white, counted with the border: 0 or 1. Outside of the
+  // ring nothing is.
+  [[nodiscard]] float cell(std::size_t side, int j) const {
+    const int index = j - 1;
+    return index >= 0 && index < cells_per_side && ((white[side] >> index) & 1U) != 0 ? 1.0F : 0.0F;
+  }
+};
+
+// How the edge of each side looks, side k running from corner k to corner k + 1.
+using SideFits = std::array<EdgeFit, 4>;
+
+struct RefinedQuad {
+  std::array<Eigen::Vector2d, 4> pixels;      // distorted
+  std::array<Eigen::Vector2d, 4> normalised;  // undistorted
+  std::array<Eigen::Matrix2d, 4> covariance;  // of normalised
+  SideFits edges;
+};
+
+class EdgeRefiner {
+ public:
+  // The camera must outlive the refiner.
+  explicit EdgeRefiner(const CameraModel& camera, const EdgeRefinerOptions& options = {});
+
+  // `corners`: normalised, clockwise in the image, good to about a pixel and a half. `cells`: cells
+  // along a side with the border. `ring` (may be null: the code is not known, and the corners come
+  // out roughly) must be in the order of the corners. `edges`: how they looked a frame before, or
+  // in a rough refinement; without it (null) there is a rough one first. Empty when a side has too
+  // little contrast or too few pixels, or runs away from the guess.
+  [[nodiscard]] std::optional<RefinedQuad> refine(const ImageView& image,
+                                                  const std::array<Eigen::Vector2d, 4>& corners,
+                                                  int cells, const InnerRing* ring,
+                                                  const SideFits* edges = nullptr);
+
+ private:
+  // Fills rows_ with the pixels near side `index`.
+  void layOutRows(const ImageView& image, const std::array<MarkerSide, 4>& sides, std::size_t index,
+                  const InnerRing* ring, int most_rows, double blur_px);
+
+  const CameraModel& camera_;
+  EdgeRefinerOptions options_;
+  // Reused from side to side.
+  EdgeRows rows_;
+  std::array<std::int32_t, EdgeRows::kMostRows> first_sample_{};  // by row, a pixel coordinate
+};
+
+}  // namespace waymark::slam

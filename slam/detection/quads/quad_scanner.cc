@@ -1,0 +1,37 @@
+#include "slam/detection/quads/quad_scanner.h"
+
+#include <algorithm>
+#include <array>
+
+namespace waymark::slam {
+
+QuadScanner::QuadScanner(const QuadScannerOptions& options)
+    : masks_(std::array{options.strict, options.lenient}),
+      finder_(options.regions),
+      fitter_(options.quads) {}
+
+const std::vector<Quad>& QuadScanner::scan(const ImageView& image, int most_px) {
+  quads_.clear();
+  for (const DarkMask& mask : masks_.make(image)) collect(mask, most_px);
+  return quads_;
+}
+
+void QuadScanner::collect(const DarkMask& mask, int most_px) {
+  for (const DarkRegion& region : finder_.find(mask, most_px)) {
+    const auto quad = fitter_.fit(region);
+    if (quad && !isKnown(*quad)) quads_.push_back(*quad);
+  }
+}
+
+bool QuadScanner::isKnown(const Quad& quad) const {
+  constexpr double kSame = 1.5;  // pixels
+  return std::ranges::any_of(quads_, [&](const Quad& known) {
+    return std::ranges::all_of(quad, [&](const Eigen::Vector2d& corner) {
+      return std::ranges::any_of(known, [&](const Eigen::Vector2d& other) {
+        return (corner - other).squaredNorm() < kSame * kSame;
+      });
+    });
+  });
+}
+
+}  // namespace waymark::slam

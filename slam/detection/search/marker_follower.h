@@ -1,0 +1,92 @@
+// Detection from frame to frame: markers are looked for where they should be by now, and the rest
+// of the image is searched in turns. It finds what a full scan of every frame would find, a new
+// marker a little later, at a fraction of the cost.
+#pragma once
+
+#include <array>
+#include <cstddef>
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "base/image_view.h"
+#include "slam/detection/search/border_watch.h"
+#include "slam/detection/marker_detector.h"
+#include "slam/detection/search/scan_turns.h"
+
+namespace waymark::slam {
+
+struct FollowerOptions {
+  // Off: every frame is scanned as a whole.
+  bool enabled = true;
+  ScanTurnsOptions turns;
+  // Where a marker is not where it was expected, this far around the place is searched, pixels.
+  int search_px = 16;
+  // Of the markers of the last frame, the least share that has to be found again; else the motion
+  // was not what was expected, and the whole image is searched at once.
+  double least_found = 0.5;
+  // Beyond this much motion from frame to frame, as a share of the image's shorter side, so much
+  // comes into view that the whole image is searched.
+  double fastest_flow = 0.04;
+  // Markers that have come into view, as the map has it: so many are looked for in a frame.
+  std::size_t newcomers = 4;
+};
+
+// Where the map has a marker, normalised: in the last frame and in this one.
+struct ExpectedMarker {
+  int id = -1;
+  std::array<Eigen::Vector2d, 4> before;
+  std::array<Eigen::Vector2d, 4> now;
+};
+
+enum class SearchMode { kFullScan, kFollowing };
+
+class MarkerFollower {
+ public:
+  // The camera must outlive the follower.
+  MarkerFollower(const CameraModel& camera, Dictionary dictionary, const DetectorOptions& detector,
+                 const FollowerOptions& options);
+
+  // Sorted by id; each id at most once. Valid until the next call. `expected`: sorted by id; of the
+  // markers seen in the last frame those that are not among them are expected to move on in the
+  // image as they did.
+  const std::vector<MarkerDetection>& find(const ImageView& image, std::int64_t time_ns,
+                                           std::span<const ExpectedMarker> expected);
+
+  // How the last frame was searched.
+  [[nodiscard]] SearchMode mode() const { return mode_; }
+  // What the last frame showed, largest marker first; where an id is there twice, both.
+  struct Followed {
+    Sighting sighting;
+    std::array<Eigen::Vector2d, 4> velocity;  // of the normalised corners, per second
+  };
+  [[nodiscard]] std::span<const Followed> followed() const { return followed_; }
+  [[nodiscard]] const Dictionary& dictionary() const { return detector_.dictionary(); }
+
+ private:
+  using Corners = std::array<Eigen::Vector2d, 4>;
+
+  // Whether enough of the last frame's markers were found.
+  [[nodiscard]] bool follow(const ImageView& image, std::span<const ExpectedMarker> expected,
+                            double interval_s);
+  [[nodiscard]] const Sighting* searchAround(const ImageView& image, const Corners& corners,
+                                             int id);
+  void lookForNewcomers(const ImageView& image, std::span<const ExpectedMarker> expected);
+  [[nodiscard]] Eigen::Vector2d flow() const;
+  [[nodiscard]] bool shouldBeSeen(const ExpectedMarker& marker) const;
+  void remember(double interval_s);
+  [[nodiscard]] const MarkerDetection* nearestBefore(const MarkerDetection& now) const;
+  [[nodiscard]] bool isSeen(int id) const;
+
+  FollowerOptions options_;
+  MarkerDetector detector_;
+  ScanTurns turns_;
+  BorderWatch border_;
+  SearchMode mode_ = SearchMode::kFullScan;
+  std::int64_t time_ns_ = 0;
+  std::vector<Followed> followed_;
+  std::vector<Followed> next_;  // reused from frame to frame
+  std::size_t newcomer_ = 0;    // where among the expected ones the search goes on
+};
+
+}  // namespace waymark::slam

@@ -1,0 +1,26 @@
+// Reading a benchmark's command line.
+#pragma once
+
+#include <cstdio>
+#include <optional>
+
+#include <CLI/CLI.hpp>
+
+#include "io/text/number_text.h"
+#include "tools/exit_code.h"
+
+namespace waymark::bench {
+
+// The exit code when there is nothing to run: after --help, or after one line on what is wrong.
+[[nodiscard]] inline std::optional<int> parse(CLI::App& app, int argc, char** argv) {
+  try {
+    app.parse(argc, argv);
+  } catch (const CLI::ParseError& e) {
+    if (e.get_exit_code() == 0) return app.exit(e);  // --help
+    std::fprintf(stderr, "%s: %s\n", app.get_name().c_str(), io::oneLine(e.what()).c_str());
+    return tools::kBadInput;
+  }
+  return std::nullopt;
+}
+
+}  // namespace waymark::bench

@@ -1,0 +1,68 @@
+#include "tools/maps/live_map.h"
+
+#include <limits>
+
+#include <gtest/gtest.h>
+
+namespace waymark::tools {
+namespace {
+
+marker_t markerAt(int id, double x) {
+  marker_t marker{};
+  marker.id = id;
+  marker.size = 0.2;
+  marker.p_w_m[0] = x;
+  marker.q_w_m[0] = 1.0;
+  return marker;
+}
+
+map_t pieceOf(std::int64_t revision, std::int32_t piece, std::int32_t pieces,
+              std::vector<marker_t> markers) {
+  map_t map{};
+  map.revision = revision;
+  map.piece = piece;
+  map.piece_count = pieces;
+  map.count = static_cast<std::int32_t>(markers.size());
+  map.markers = std::move(markers);
+  return map;
+}
+
+TEST(LiveMap, IsCompleteWithItsLastPieceWhateverTheOrder) {
+  LiveMap map;
+  EXPECT_TRUE(map.add(pieceOf(1, 1, 2, {markerAt(9, 1.0)})));
+  EXPECT_TRUE(map.markers().empty());
+  EXPECT_TRUE(map.add(pieceOf(1, 0, 2, {markerAt(30, 5.0), markerAt(4, 3.0)})));
+  ASSERT_EQ(map.markers().size(), 3U);
+  EXPECT_EQ(map.markers()[0].id, 4);
+  EXPECT_EQ(map.markers()[1].id, 9);
+  EXPECT_EQ(map.markers()[2].id, 30);
+  // Top-left of an upright print: left of the centre and above it.
+  EXPECT_TRUE(map.markers()[0].corners[0].isApprox(Eigen::Vector3d(2.9, 0.1, 0.0)));
+}
+
+TEST(LiveMap, AnIncompleteRevisionLeavesTheOneBefore) {
+  LiveMap map;
+  EXPECT_TRUE(map.add(pieceOf(1, 0, 1, {markerAt(1, 0.0)})));
+  EXPECT_TRUE(map.add(pieceOf(2, 0, 2, {markerAt(2, 0.0)})));
+  EXPECT_TRUE(map.add(pieceOf(3, 1, 2, {markerAt(3, 0.0)})));  // the other half of 2 was lost
+  ASSERT_EQ(map.markers().size(), 1U);
+  EXPECT_EQ(map.markers()[0].id, 1);
+}
+
+TEST(LiveMap, RefusesImpossibleNumbers) {
+  LiveMap map;
+  marker_t no_rotation = markerAt(1, 0.0);
+  no_rotation.q_w_m[0] = 0.0;
+  marker_t nowhere = markerAt(1, std::numeric_limits<double>::quiet_NaN());
+  marker_t no_size = markerAt(1, 0.0);
+  no_size.size = -0.2;
+  for (const marker_t& marker : {no_rotation, nowhere, no_size}) {
+    EXPECT_FALSE(map.add(pieceOf(1, 0, 1, {marker})));
+  }
+  EXPECT_FALSE(map.add(pieceOf(1, 2, 2, {})));
+  EXPECT_FALSE(map.add(pieceOf(1, -1, 2, {})));
+  EXPECT_TRUE(map.markers().empty());
+}
+
+}  // namespace
+}  // namespace waymark::tools

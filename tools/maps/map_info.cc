@@ -1,0 +1,165 @@
+#include "tools/maps/map_info.h"
+
+#include <cmath>
+
+#include <Eigen/Geometry>
+
+#include "base/image_view.h"
+#include "io/text/number_text.h"
+
+namespace waymark::tools {
+namespace {
+
+struct SquareSum {
+  std::size_t corners = 0;
+  double px2 = 0.0;
+
+  [[nodiscard]] ReprojectionFit fit() const {
+    if (corners == 0) return {};
+    return {corners, std::sqrt(px2 / static_cast<double>(corners))};
+  }
+};
+
+std::map<int, SquareSum> squareSums(const io::MapFile& file) {
+  std::map<int, SquareSum> sums;
+  if (!file.camera) return sums;
+  const slam::CameraModel camera(*file.camera);
+  for (const auto& [id, keyframe] : file.map.keyframes()) {
+    const slam::Transform T_c_w = keyframe.T_w_c.inverse();
+    for (const slam::MarkerDetection& detection : keyframe.detections) {
+      const slam::MapMarker* marker = file.map.findPosed(detection.id);
+      if (marker == nullptr) continue;
+      const auto corners = marker->cornersInWorld();
+      for (std::size_t k = 0; k < 4; ++k) {
+        const auto pixel = camera.project(T_c_w * corners[k]);
+        if (!pixel) continue;
+        SquareSum& sum = sums[detection.id];
+        ++sum.corners;
+        sum.px2 += (*pixel - detection.pixels[k]).squaredNorm();
+      }
+    }
+  }
+  return sums;
+}
+
+const char* stateText(slam::MarkerState state) {
+  switch (state) {
+    case slam::MarkerState::kMapped:
+      return "mapped";
+    case slam::MarkerState::kQuarantined:
+      return "quarantined";
+    case slam::MarkerState::kRefused:
+      return "refused";
+    case slam::MarkerState::kUnresolved:
+      break;
+  }
+  return "unresolved";
+}
+
+std::string pointText(const Eigen::Vector3d& p) {
+  return io::fixed(p.x(), 3) + " " + io::fixed(p.y(), 3) + " " + io::fixed(p.z(), 3);
+}
+
+std::string statesText(const slam::Map& map) {
+  std::map<std::string, int> counts;
+  for (const auto& [id, marker] : map.markers()) ++counts[stateText(marker.state)];
+  std::string text;
+  for (const auto& [state, count] : counts) {
+    text += (text.empty() ? "" : ", ") + std::to_string(count) + " " + state;
+  }
+  return text.empty() ? "none" : text;
+}
+
+std::string sizesText(const slam::Map& map) {
+  std::map<double, int> counts;  // by size
+  for (const auto& [id, marker] : map.markers()) ++counts[marker.size_m];
+  std::string text;
+  for (const auto& [size_m, count] : counts) {
+    text +=
+        (text.empty() ? "" : ", ") + std::to_string(count) + " of " + io::roundTrip(size_m) + " m";
+  }
+  return text;
+}
+
+std::string extentText(const slam::Map& map) {
+  Eigen::AlignedBox3d box;
+  for (const io::MarkerCorners& marker : io::posedMarkerCorners(map)) {
+    for (const Eigen::Vector3d& corner : marker.corners) box.extend(corner);
+  }
+  if (box.isEmpty()) return {};
+  return "extent      " + pointText(box.sizes()) + " m, from " + pointText(box.min()) + " to " +
+         pointText(box.max()) + "\n";
+}
+
+std::string keyframesText(const slam::Map& map) {
+  std::string text = "keyframes   " + std::to_string(map.keyframes().size());
+  std::size_t detections = 0;
+  for (const auto& [id, keyframe] : map.keyframes()) detections += keyframe.detections.size();
+  if (detections > 0) text += ", " + std::to_string(detections) + " views of markers";
+  return text + "\n";
+}
+
+std::string cameraText(const std::optional<slam::Calibration>& camera) {
+  if (!camera) return "camera      none\n";
+  return "camera      " + sizeText(camera->width, camera->height) + ", fx " +
+         io::fixed(camera->fx, 2) + " fy " + io::fixed(camera->fy, 2) + " cx " +
+         io::fixed(camera->cx, 2) + " cy " + io::fixed(camera->cy, 2) +
+         (camera->model == slam::DistortionModel::kEquidistant ? ", equidistant\n" : "\n");
+}
+
+std::string markerText(const slam::MapMarker& marker, std::size_t views,
+                       const ReprojectionFit& fit) {
+  std::string text = "  " + std::to_string(marker.id) + "  " + stateText(marker.state) + "  " +
+                     io::roundTrip(marker.size_m) + " m";
+  if (marker.T_w_m) {
+    const Eigen::Quaterniond q = marker.T_w_m->quaternion();
+    text += "  p " + pointText(marker.T_w_m->p) + "  q " + io::fixed(q.w(), 4) + " " +
+            io::fixed(q.x(), 4) + " " + io::fixed(q.y(), 4) + " " + io::fixed(q.z(), 4);
+  }
+  text += "  " + std::to_string(views) + " views";
+  if (fit.corners > 0) text += "  " + io::fixed(fit.rms_px, 3) + " px";
+  if (marker.other_T_w_m) text += "  ambiguous";
+  if (!marker.former_poses.empty()) {
+    text += "  moved " + std::to_string(marker.former_poses.size()) + " times";
+  }
+  return text + "\n";
+}
+
+}  // namespace
+
+ReprojectionFit reprojectionFit(const io::MapFile& file) {
+  SquareSum all;
+  for (const auto& [id, sum] : squareSums(file)) {
+    all.corners += sum.corners;
+    all.px2 += sum.px2;
+  }
+  return all.fit();
+}
+
+std::map<int, ReprojectionFit> reprojectionFitByMarker(const io::MapFile& file) {
+  std::map<int, ReprojectionFit> fits;
+  for (const auto& [id, sum] : squareSums(file)) fits[id] = sum.fit();
+  return fits;
+}
+
+std::string mapInfo(const io::MapFile& file, bool with_markers) {
+  const slam::Map& map = file.map;
+  std::string text = "dictionary  " + map.dictionary + "\n";
+  text += "markers     " + std::to_string(map.markers().size()) + ": " + statesText(map) + "\n";
+  if (!map.markers().empty()) text += "sizes       " + sizesText(map) + "\n";
+  text += extentText(map) + keyframesText(map);
+  if (const ReprojectionFit fit = reprojectionFit(file); fit.corners > 0) {
+    text += "fit         " + io::fixed(fit.rms_px, 3) + " px rms over " +
+            std::to_string(fit.corners) + " corners\n";
+  }
+  text += cameraText(file.camera);
+  text += std::string("checksum    ") + (file.has_checksum ? "right" : "none") + "\n";
+  if (!with_markers) return text;
+  auto fits = reprojectionFitByMarker(file);
+  for (const auto& [id, marker] : map.markers()) {
+    text += markerText(marker, map.viewsOf(id).size(), fits[id]);
+  }
+  return text;
+}
+
+}  // namespace waymark::tools

@@ -1,0 +1,37 @@
+// Joins two maps by the markers they share.
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "base/result.h"
+#include "io/maps/map_file.h"
+#include "slam/geometry/transform.h"
+
+namespace waymark::tools {
+
+struct MergeOptions {
+  // A shared marker agrees when none of its corners is further than this from where the other map
+  // has it, metres: above what maps drift over a room, below what somebody moves a marker by.
+  double tolerance_m = 0.05;
+  // Shared markers that must agree, and they must be more than those that do not. With one alone
+  // nothing would contradict it, and a turn of half a degree is 9 cm at 10 m.
+  int min_agreeing = 2;
+};
+
+struct MergeReport {
+  slam::Transform T_a_b;
+  std::vector<int> agreeing;     // ids
+  std::vector<int> disagreeing;  // ids: moved between the maps, or two prints
+  std::vector<int> added;        // ids of the markers that only b has a pose for
+  double rms_m = 0.0;            // of the agreeing corners, before any optimisation
+  std::vector<std::string> warnings;
+};
+
+// Adds b to a, in a's world, without any change of scale. b's keyframes come after a's with new
+// ids. Where a marker disagrees, a is right, and what b's keyframes saw of it is left out. The
+// error says why they cannot be merged, and names the markers; *a is then unchanged.
+[[nodiscard]] Result<MergeReport> mergeMaps(io::MapFile* a, const io::MapFile& b,
+                                            const MergeOptions& options);
+
+}  // namespace waymark::tools
