@@ -31,7 +31,7 @@ TEST(ByteRing, GivesBackWhatWasPutIn) {
   EXPECT_TRUE(ring.front().empty());
 }
 
-TEST(ByteRing, RefusesWhatDoesNotFit) {
+TEST(ByteRing, RejectsWhatDoesNotFit) {
   ByteRing ring(100);
   EXPECT_FALSE(put(ring, 0, 1));
   EXPECT_FALSE(put(ring, 200, 1));

@@ -1,4 +1,4 @@
-// Why the system refused, in its own words.
+// Why the system rejected, in its own words.
 #pragma once
 
 #include <cerrno>

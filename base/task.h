@@ -1,10 +1,10 @@
 // Work in slices. A task is written as if it were done in one go, and is put aside whenever it has
 // spent what it was given, to go on from there the next time:
 //
-//   Task<int> sum(std::span<const int> values, Allowance* allowance) {
+//   Task<int> sum(std::span<const int> values, Budget* budget) {
 //     int total = 0;
 //     for (const int value : values) {
-//       co_await allowance->spend(kAddition);
+//       co_await budget->spend(kAddition);
 //       total += value;
 //     }
 //     co_return total;
@@ -22,29 +22,29 @@
 namespace waymark {
 
 // What tasks may spend, in units of their own choice. Everything that belongs to one task, and the
-// tasks it waits for, spends from the same allowance, which outlives them.
-class Allowance {
+// tasks it waits for, spends from the same budget, which outlives them.
+class Budget {
  public:
   // As much as it takes.
-  [[nodiscard]] static Allowance unlimited() {
-    Allowance allowance;
-    allowance.left_ = std::numeric_limits<double>::infinity();
-    return allowance;
+  [[nodiscard]] static Budget unlimited() {
+    Budget budget;
+    budget.left_ = std::numeric_limits<double>::infinity();
+    return budget;
   }
 
   // What was overspent last time is owed now; what was left is lost.
-  void grant(double units) { left_ = (left_ < 0.0 ? left_ : 0.0) + units; }
+  void grant(double cost) { left_ = (left_ < 0.0 ? left_ : 0.0) + cost; }
   [[nodiscard]] double left() const { return left_; }
 
   struct Spending {
-    Allowance* allowance;
-    [[nodiscard]] bool await_ready() const { return allowance->left_ > 0.0; }
-    void await_suspend(std::coroutine_handle<> where) const { allowance->waiting_ = where; }
+    Budget* budget;
+    [[nodiscard]] bool await_ready() const { return budget->left_ > 0.0; }
+    void await_suspend(std::coroutine_handle<> where) const { budget->waiting_ = where; }
     void await_resume() const {}
   };
   // Puts the task aside where nothing is left, before it does what these units are for.
-  [[nodiscard]] Spending spend(double units) {
-    left_ -= units;
+  [[nodiscard]] Spending spend(double cost) {
+    left_ -= cost;
     return {this};
   }
 
@@ -61,8 +61,8 @@ class Allowance {
 // Of a task that has nothing to tell.
 struct Done {};
 
-// Begins when it is awaited, by another task or through InSlices or inOneGo below. Arguments that a
-// task takes by reference or pointer must outlive it.
+// Begins when it is awaited, by another task or through SlicedTask or runToCompletion below.
+// Arguments that a task takes by reference or pointer must outlive it.
 template <typename T>
 class [[nodiscard]] Task {
  public:
@@ -116,48 +116,48 @@ class [[nodiscard]] Task {
 };
 
 // More than any task needs, and yet a number: what is left of it can be handed on.
-inline constexpr double kPlenty = 1e12;
+inline constexpr double kUnlimited = 1e12;
 
-// A task under way, with an allowance of its own.
+// A task under way, with a budget of its own.
 template <typename T>
-class InSlices {
+class SlicedTask {
  public:
-  // begin(allowance) gives the task.
+  // begin(budget) gives the task.
   template <typename Begin>
-  explicit InSlices(const Begin& begin) : task_(begin(&allowance_)) {}
-  InSlices(const InSlices&) = delete;
-  InSlices& operator=(const InSlices&) = delete;
-  ~InSlices() = default;
+  explicit SlicedTask(const Begin& begin) : task_(begin(&budget_)) {}
+  SlicedTask(const SlicedTask&) = delete;
+  SlicedTask& operator=(const SlicedTask&) = delete;
+  ~SlicedTask() = default;
 
   // One slice; true when the task is done, and then nothing more happens.
-  bool advance(double units) {
+  bool advance(double cost) {
     if (task_.done()) return true;
-    allowance_.grant(units);
+    budget_.grant(cost);
     if (!begun_) {
       begun_ = true;
       task_.begin();
     } else {
-      allowance_.resume();
+      budget_.resume();
     }
     return task_.done();
   }
   [[nodiscard]] bool done() const { return task_.done(); }
   // Of the last slice; less than zero where it was overspent.
-  [[nodiscard]] double left() const { return allowance_.left(); }
+  [[nodiscard]] double left() const { return budget_.left(); }
   // Precondition: done, and not taken before.
   T take() { return task_.take(); }
 
  private:
-  Allowance allowance_;
+  Budget budget_;
   Task<T> task_;
   bool begun_ = false;
 };
 
-// begin(allowance) gives the task.
+// begin(budget) gives the task.
 template <typename Begin>
-auto inOneGo(const Begin& begin) {
-  Allowance allowance = Allowance::unlimited();
-  auto task = begin(&allowance);
+auto runToCompletion(const Begin& begin) {
+  Budget budget = Budget::unlimited();
+  auto task = begin(&budget);
   task.begin();
   return task.take();
 }

@@ -1,4 +1,4 @@
-// What is asked of a camera. What it cannot give is refused with one line that says what it can,
+// What is asked of a camera. What it cannot give is rejected with one line that says what it can,
 // or, where another choice does as well, given as a warning with the source.
 #pragma once
 

@@ -22,7 +22,7 @@ struct StreamInfo {
   bool photographs = false;
   bool live = false;        // frames come in real time, whether or not anybody reads
   std::string description;  // for people: "frames.avi, 640x480, 30 Hz"
-  // What the user should know of how it was opened, a line each: what the camera refused.
+  // What the user should know of how it was opened, a line each: what the camera rejected.
   std::vector<std::string> warnings = {};
 };
 

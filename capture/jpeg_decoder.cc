@@ -13,17 +13,17 @@ namespace {
 constexpr std::uint8_t kMark = 0xff;
 constexpr std::uint8_t kStart = 0xd8;
 constexpr std::uint8_t kEnd = 0xd9;
-constexpr std::size_t kLeast = 4;  // bytes: both marks
+constexpr std::size_t kMin = 4;  // bytes: both marks
 
 bool beginsWithMark(std::span<const std::uint8_t> bytes) {
-  return bytes.size() >= kLeast && bytes[0] == kMark && bytes[1] == kStart;
+  return bytes.size() >= kMin && bytes[0] == kMark && bytes[1] == kStart;
 }
 
 // Drivers pad pictures with zeros, to words or to whole buffers. Empty without an end mark.
 std::span<const std::uint8_t> withoutPadding(std::span<const std::uint8_t> bytes) {
   std::size_t size = bytes.size();
   while (size > 0 && bytes[size - 1] == 0) --size;
-  if (size < kLeast || bytes[size - 2] != kMark || bytes[size - 1] != kEnd) return {};
+  if (size < kMin || bytes[size - 2] != kMark || bytes[size - 1] != kEnd) return {};
   return bytes.first(size);
 }
 

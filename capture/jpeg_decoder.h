@@ -1,5 +1,5 @@
 // Single pictures of MJPEG streams, decoded straight to grey. Cameras deliver torn and half
-// pictures; they are refused, not shown.
+// pictures; they are rejected, not shown.
 #pragma once
 
 #include <cstdint>

@@ -64,7 +64,7 @@ TEST_F(JpegDecoderTest, BytesBeforeTheEndMarkAreNoFault) {
   EXPECT_EQ(decode(bytes), std::nullopt);
 }
 
-TEST_F(JpegDecoderTest, HalfAPictureIsRefused) {
+TEST_F(JpegDecoderTest, HalfAPictureIsRejected) {
   const std::vector<std::uint8_t> whole = encode(colourful());
   std::vector<std::uint8_t> half(whole.begin(), whole.begin() + whole.size() / 2);
   EXPECT_EQ(decode(half), "JPEG picture without an end mark");
@@ -74,14 +74,14 @@ TEST_F(JpegDecoderTest, HalfAPictureIsRefused) {
   EXPECT_TRUE(reason->starts_with("JPEG data: ")) << *reason;
 }
 
-TEST_F(JpegDecoderTest, WhatIsNoPictureIsRefused) {
+TEST_F(JpegDecoderTest, WhatIsNoPictureIsRejected) {
   EXPECT_EQ(decode({}), "JPEG picture without a start mark");
   EXPECT_EQ(decode({0xff, 0xd8}), "JPEG picture without a start mark");
   EXPECT_EQ(decode({0xff, 0xd8, 0xff, 0xd9}).has_value(), true);
   EXPECT_EQ(decode(std::vector<std::uint8_t>(5000, 0)), "JPEG picture without a start mark");
 }
 
-TEST_F(JpegDecoderTest, AnotherSizeIsRefused) {
+TEST_F(JpegDecoderTest, AnotherSizeIsRejected) {
   cv::Mat larger;
   cv::resize(colourful(), larger, {2 * kWidth, kHeight});
   EXPECT_EQ(decode(encode(larger)), "JPEG picture of 328x90 in a stream of 164x90");
@@ -91,14 +91,14 @@ TEST_F(JpegDecoderTest, AnotherSizeIsRefused) {
 TEST_F(JpegDecoderTest, SurvivesDamage) {
   const std::vector<std::uint8_t> whole = encode(colourful());
   std::mt19937 random(5);
-  int refused = 0;
+  int rejected = 0;
   for (int i = 0; i < 300; ++i) {
     std::vector<std::uint8_t> bytes = whole;
     for (int k = 0; k < 8; ++k)
       bytes[random() % bytes.size()] = static_cast<std::uint8_t>(random());
-    refused += decode(bytes).has_value() ? 1 : 0;
+    rejected += decode(bytes).has_value() ? 1 : 0;
   }
-  EXPECT_GT(refused, 100);
+  EXPECT_GT(rejected, 100);
   EXPECT_EQ(decode(whole), std::nullopt);
 }
 

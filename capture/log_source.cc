@@ -11,10 +11,10 @@
 #include <utility>
 
 #include "base/image_view.h"
-#include "capture/jpeg_decoder.h"
-#include "capture/recorded_image.h"
 #include "capture/eventlog/log_reader.h"
 #include "capture/eventlog/recording_name.h"
+#include "capture/jpeg_decoder.h"
+#include "capture/recorded_image.h"
 
 namespace waymark::capture {
 namespace {

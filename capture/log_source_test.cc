@@ -12,9 +12,9 @@
 #include <opencv2/core.hpp>
 #include <opencv2/imgcodecs.hpp>
 
-#include "capture/recorded_image.h"
 #include "capture/eventlog/log_writer.h"
 #include "capture/eventlog/testing_log.h"
+#include "capture/recorded_image.h"
 #include "tests/temporary_directory.h"
 
 namespace waymark::capture {

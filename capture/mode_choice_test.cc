@@ -44,7 +44,7 @@ ChosenMode choose(const std::vector<OfferedMode>& offered, const CameraOptions& 
   return chosen.ok() ? chosen.value() : ChosenMode{};
 }
 
-std::string refusal(const std::vector<OfferedMode>& offered, const CameraOptions& asked) {
+std::string rejection(const std::vector<OfferedMode>& offered, const CameraOptions& asked) {
   const Result<ChosenMode> chosen = chooseMode(offered, asked);
   return chosen.ok() ? "" : chosen.error().message;
 }
@@ -95,16 +95,16 @@ TEST(ModeChoice, RangesOfSizesAndUnknownRates) {
                                              .height_step = 2,
                                              .rates_hz = {}}};
   expectMode(choose(offered, ask(640, 480, 30.0)), V4L2_PIX_FMT_NV12, 640, 0.0);
-  EXPECT_EQ(refusal(offered, ask(641, 480)),
+  EXPECT_EQ(rejection(offered, ask(641, 480)),
             "does not offer 641x480; it offers NV12 16x16 to 1920x1080 in steps of 2x2 pixels");
 }
 
-TEST(ModeChoice, WhatIsNotThereIsRefusedWithWhatIs) {
-  EXPECT_EQ(refusal(webcam(), ask(800, 600, 0.0, "YUYV")),
+TEST(ModeChoice, WhatIsNotThereIsRejectedWithWhatIs) {
+  EXPECT_EQ(rejection(webcam(), ask(800, 600, 0.0, "YUYV")),
             "does not offer 800x600; it offers YUYV 1280x720 at 10 Hz; YUYV 640x480 at 30, 15 Hz");
-  EXPECT_EQ(refusal(webcam(), ask(0, 0, 0.0, "GREY")),
+  EXPECT_EQ(rejection(webcam(), ask(0, 0, 0.0, "GREY")),
             "does not offer the format GREY; it offers H264, MJPG, YUYV");
-  EXPECT_TRUE(refusal({size(V4L2_PIX_FMT_H264, 640, 480, {30.0})}, {})
+  EXPECT_TRUE(rejection({size(V4L2_PIX_FMT_H264, 640, 480, {30.0})}, {})
                   .starts_with("offers no format that can be read (GREY, NV12"));
 }
 

@@ -65,7 +65,7 @@ Result<Opener> sourceOpener(const std::string& spec, const SourceOptions& option
   return Opener([spec, options] { return openRecording(spec, options); });
 }
 
-CameraWatch watchForCameras(const std::string& spec) {
+HotplugMonitor monitorHotplug(const std::string& spec) {
   if (!isCamera(spec)) return [] { return false; };
   return [arrivals = std::make_shared<v4l2::CameraArrivals>()] { return arrivals->any(); };
 }

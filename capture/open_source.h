@@ -30,8 +30,8 @@ using Opener = std::function<Result<std::unique_ptr<FrameSource>>()>;
 [[nodiscard]] Result<Opener> sourceOpener(const std::string& spec, const SourceOptions& options);
 
 // Tells when a camera may have come: true when one has since the last call. Does not wait.
-using CameraWatch = std::function<bool()>;
-[[nodiscard]] CameraWatch watchForCameras(const std::string& spec);
+using HotplugMonitor = std::function<bool()>;
+[[nodiscard]] HotplugMonitor monitorHotplug(const std::string& spec);
 
 // Opens it once.
 [[nodiscard]] Result<std::unique_ptr<FrameSource>> openSource(const std::string& spec,

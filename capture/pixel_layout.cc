@@ -6,7 +6,7 @@
 #include <opencv2/core.hpp>
 #include <opencv2/imgproc.hpp>
 
-#include "base/vectorised.h"
+#include "base/vectorized.h"
 
 namespace waymark::capture {
 namespace {
@@ -14,12 +14,12 @@ namespace {
 static_assert(std::endian::native == std::endian::little, "words are read as they lie in memory");
 
 // Every second byte, from the first on.
-WAYMARK_VECTORISED void takeEverySecond(const std::uint8_t* in, int count, std::uint8_t* out) {
+WAYMARK_VECTORIZED void takeEverySecond(const std::uint8_t* in, int count, std::uint8_t* out) {
   for (int x = 0; x < count; ++x) out[x] = in[2 * x];
 }
 
 // Of each word the bits from `shift` on.
-WAYMARK_VECTORISED void takeHighBits(const std::uint8_t* in, int count, int shift,
+WAYMARK_VECTORIZED void takeHighBits(const std::uint8_t* in, int count, int shift,
                                      std::uint8_t* out) {
   for (int x = 0; x < count; ++x) {
     const unsigned word =

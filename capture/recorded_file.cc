@@ -3,8 +3,8 @@
 #include <optional>
 #include <utility>
 
-#include "capture/wire_reader.h"
 #include "capture/eventlog/log_reader.h"
+#include "capture/wire_reader.h"
 #include <waymark/file_t.hpp>
 
 namespace waymark::capture {

@@ -19,7 +19,7 @@ using bot_core::image_t;
 constexpr int kLargestSide = 16384;  // pixels
 // A block of 64 pixels takes a bit at least, and so nobody is given memory for pixels that cannot
 // be there.
-constexpr std::int64_t kMostPixelsPerJpegByte = 512;
+constexpr std::int64_t kMaxPixelsPerJpegByte = 512;
 constexpr std::string_view kMonotonic = "monotonic_ns";
 constexpr std::string_view kSequence = "sequence";
 constexpr std::string_view kExposure = "exposure_ns";
@@ -55,7 +55,7 @@ Status check(const image_t& message) {
   }
   const std::int64_t pixels = std::int64_t{message.width} * message.height;
   if (message.pixelformat == image_t::PIXEL_FORMAT_MJPEG) {
-    if (message.size >= pixels / kMostPixelsPerJpegByte) return success();
+    if (message.size >= pixels / kMaxPixelsPerJpegByte) return success();
     return Error{"has " + std::to_string(message.size) + " bytes for a JPEG picture of " +
                  sizeText(message.width, message.height)};
   }
@@ -82,8 +82,8 @@ bool decode(std::span<const std::uint8_t> data, image_t* message) {
   message->size = reader.count();
   const auto pixels = reader.bytes(message->size);
   message->data.assign(pixels.begin(), pixels.end());
-  constexpr std::size_t kLeastEntry = 9;  // bytes: two lengths and the zero of an empty key
-  message->nmetadata = reader.count(kLeastEntry);
+  constexpr std::size_t kMinEntry = 9;  // bytes: two lengths and the zero of an empty key
+  message->nmetadata = reader.count(kMinEntry);
   message->metadata.resize(static_cast<std::size_t>(message->nmetadata));
   for (bot_core::image_metadata_t& entry : message->metadata) {
     entry.key = reader.text();

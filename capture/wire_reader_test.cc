@@ -23,7 +23,7 @@ TEST(WireReader, ReadsWhatLcmWrites) {
   EXPECT_TRUE(reader.done());
 }
 
-TEST(WireReader, LengthsThatCannotBeAreRefused) {
+TEST(WireReader, LengthsThatCannotBeAreRejected) {
   for (const Bytes& bytes : {Bytes{0x7f, 0xff, 0xff, 0xff, 1}, Bytes{0x80, 0, 0, 0, 1},
                              Bytes{0, 0, 0, 2, 1}, Bytes{0, 0}}) {
     WireReader array(bytes);

@@ -10,9 +10,9 @@
 #include "capture/open_source.h"
 #include "daemon/publish/lcm_link.h"
 #include "io/settings/marker_ids.h"
-#include "io/text/number_text.h"
 #include "io/settings/pose_settings.h"
 #include "io/settings/settings_file.h"
+#include "io/text/number_text.h"
 #include "io/text/text_file.h"
 
 namespace waymark::daemon {
@@ -20,30 +20,30 @@ namespace {
 
 namespace fs = std::filesystem;
 
-io::Objection objectToUrl(const std::string& url) {
+io::ValidationError validateUrl(const std::string& url) {
   if (multicastAddress(url)) return {};
   return "must be like \"udpm://239.255.76.67:7667?ttl=0\" with a multicast address, not \"" + url +
          "\"";
 }
 
 // LCM allows 63 characters for a channel; the longest name after the prefix is "DETECTIONS".
-io::Objection objectToChannel(const std::string& name) {
-  constexpr std::size_t kMost = 50;
+io::ValidationError validateChannel(const std::string& name) {
+  constexpr std::size_t kMax = 50;
   const auto plain = [](unsigned char c) { return c > ' ' && c < 127; };
-  if (name.size() <= kMost && std::ranges::all_of(name, plain)) return {};
+  if (name.size() <= kMax && std::ranges::all_of(name, plain)) return {};
   return "must be at most 50 characters without spaces";
 }
 
 // "0, 2-3"
 io::Setting cpusSetting(const std::string& key, std::vector<int>& target) {
-  return io::checkedTextSetting(key, [&target](const std::string& text) -> io::Objection {
-    constexpr int kMost = 1023;  // as many as a cpu_set_t has
+  return io::checkedTextSetting(key, [&target](const std::string& text) -> io::ValidationError {
+    constexpr int kMax = 1023;  // as many as a cpu_set_t has
     const auto ranges = io::parseIdRanges(text);
     if (!ranges) return ranges.error().message;
     for (const slam::IdRange& range : *ranges) {
-      if (range.last > kMost) return "must be processors from 0 to " + std::to_string(kMost);
+      if (range.last > kMax) return "must be processors from 0 to " + std::to_string(kMax);
       for (int cpu = range.first; cpu <= range.last; ++cpu) target.push_back(cpu);
-      if (std::ssize(target) > kMost + 1) return "must name each processor once";
+      if (std::ssize(target) > kMax + 1) return "must name each processor once";
     }
     return {};
   });
@@ -85,15 +85,15 @@ std::vector<io::Setting> settings(Configuration& c) {
       cpusSetting("realtime.publisher_cpus", c.realtime.publisher.cpus),
       cpusSetting("realtime.recorder_cpus", c.realtime.recorder.cpus),
       flagSetting("realtime.lock_memory", c.realtime.lock_memory),
-      textSetting("publish.url", c.publish.url, objectToUrl),
-      textSetting("publish.channel_prefix", c.publish.channel_prefix, objectToChannel),
-      textSetting("publish.pose_channel", c.publish.pose_channel, objectToChannel),
+      textSetting("publish.url", c.publish.url, validateUrl),
+      textSetting("publish.channel_prefix", c.publish.channel_prefix, validateChannel),
+      textSetting("publish.pose_channel", c.publish.pose_channel, validateChannel),
       flagSetting("publish.detections", c.publish.detections),
       pathSetting("record.directory", c.record.directory),
       flagSetting("record.at_start", c.record.at_start),
       flagSetting("record.images", c.record.images),
       integerSetting("record.jpeg_quality", c.record.jpeg_quality, 0, 100),
-      textSetting("record.image_channel", c.record.image_channel, objectToChannel),
+      textSetting("record.image_channel", c.record.image_channel, validateChannel),
       integerSetting("record.file_mib", c.record.file_mib, 1, 1'000'000),
       integerSetting("record.file_s", c.record.file_s, 1, 1'000'000),
       integerSetting("record.quota_mib", c.record.quota_mib, 0, 100'000'000),
@@ -136,10 +136,10 @@ Status checkTogether(const Configuration& c, const fs::path& file) {
                  std::to_string(c.record.file_mib) + ")"};
   }
   const io::MapSettings& map = c.slam.map;
-  if (map.localise_only && map.in.empty()) {
+  if (map.localize_only && map.in.empty()) {
     return Error{file.string() + ": slam.localize_only: needs slam.map_in"};
   }
-  if (map.localise_only && !map.out.empty()) {
+  if (map.localize_only && !map.out.empty()) {
     return Error{file.string() + ": slam.map_out: with localize_only nothing changes"};
   }
   return success();
@@ -172,7 +172,7 @@ Result<Configuration> parseConfiguration(const std::string& text, const fs::path
   if (const Status together = checkTogether(configuration, file); !together) {
     return together.error();
   }
-  configuration.slam.options.mapping = !configuration.slam.map.localise_only;
+  configuration.slam.options.mapping = !configuration.slam.map.localize_only;
   resolvePaths(file, configuration);
   return configuration;
 }

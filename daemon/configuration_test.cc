@@ -45,7 +45,7 @@ TEST(Configuration, TheMapAcrossRestarts) {
                                     "/etc/w.toml");
   ASSERT_TRUE(c) << c.error().message;
   EXPECT_EQ(c->slam.map.in, "/etc/m.json");
-  EXPECT_TRUE(c->slam.map.localise_only);
+  EXPECT_TRUE(c->slam.map.localize_only);
   EXPECT_FALSE(c->slam.options.mapping);
   EXPECT_EQ(errorOf(kCamera + kSlam + "localize_only = true\n"),
             "/etc/w.toml: slam.localize_only: needs slam.map_in");
@@ -77,9 +77,9 @@ TEST(Configuration, TheExampleWithEverythingUncommentedChangesNoDefault) {
   EXPECT_EQ(o.detector.scanner.quads.min_side_px, e.detector.scanner.quads.min_side_px);
   EXPECT_EQ(o.detector.edges.fit.min_contrast, e.detector.edges.fit.min_contrast);
   EXPECT_EQ(o.detector.decoder.max_wrong_bits, e.detector.decoder.max_wrong_bits);
-  EXPECT_EQ(o.initialisation.ambiguity_ratio, e.initialisation.ambiguity_ratio);
+  EXPECT_EQ(o.initialization.ambiguity_ratio, e.initialization.ambiguity_ratio);
   EXPECT_EQ(o.tracking.pose.marker_chi2, e.tracking.pose.marker_chi2);
-  EXPECT_EQ(o.tracking.pose.worst_rms_px, e.tracking.pose.worst_rms_px);
+  EXPECT_EQ(o.tracking.pose.max_rms_px, e.tracking.pose.max_rms_px);
   EXPECT_EQ(o.tracking.motion.max_extrapolation_s, e.tracking.motion.max_extrapolation_s);
   EXPECT_EQ(o.mapper.keyframes.min_baseline_m, e.mapper.keyframes.min_baseline_m);
   EXPECT_EQ(o.mapper.keyframes.min_baseline_per_depth, e.mapper.keyframes.min_baseline_per_depth);
@@ -87,8 +87,8 @@ TEST(Configuration, TheExampleWithEverythingUncommentedChangesNoDefault) {
   EXPECT_EQ(o.mapper.keyframes.views_per_marker, e.mapper.keyframes.views_per_marker);
   EXPECT_EQ(o.mapper.marker_pose.min_views, e.mapper.marker_pose.min_views);
   EXPECT_EQ(o.mapper.marker_pose.ambiguity_ratio, e.mapper.marker_pose.ambiguity_ratio);
-  EXPECT_EQ(o.tracking.relocalisation.ambiguity_ratio, e.tracking.relocalisation.ambiguity_ratio);
-  EXPECT_EQ(o.mapper.local_optimisation.max_iterations, e.mapper.local_optimisation.max_iterations);
+  EXPECT_EQ(o.tracking.relocalization.ambiguity_ratio, e.tracking.relocalization.ambiguity_ratio);
+  EXPECT_EQ(o.mapper.local_optimization.max_iterations, e.mapper.local_optimization.max_iterations);
   EXPECT_EQ(c->slam.map.save_interval_s, d.slam.map.save_interval_s);
   EXPECT_EQ(c->control.socket, "/run/waymark/control.sock");
   EXPECT_EQ(c->queue.depth, d.queue.depth);
@@ -163,7 +163,7 @@ TEST(Configuration, ErrorsNamePlaceKeyAndReason) {
       "/etc/w.toml:7:9: log.level: must be one of \"error\", \"warning\", \"info\", \"debug\"");
 }
 
-TEST(Configuration, RefusesImpossibleMarkers) {
+TEST(Configuration, RejectsImpossibleMarkers) {
   EXPECT_EQ(errorOf(kCamera + "[slam]\ndictionary = \"4X4_50\"\nmarker_size_m = 0\n"),
             "/etc/w.toml:5:17: slam.marker_size_m: must be from 0.001 to 100 m, not 0");
   EXPECT_EQ(errorOf(kCamera + "[slam]\ndictionary = \"4X4_50\"\nmarker_size_m = nan\n"),
@@ -177,7 +177,7 @@ TEST(Configuration, RefusesImpossibleMarkers) {
             "/etc/w.toml: slam: the origin marker is among the ignored ids");
 }
 
-TEST(Configuration, RefusesUnusableUrlsAndChannels) {
+TEST(Configuration, RejectsUnusableUrlsAndChannels) {
   EXPECT_EQ(errorOf(kCamera + kSlam + "[publish]\nurl = \"udpm://10.0.0.1:1\"\n"),
             "/etc/w.toml:7:7: publish.url: must be like \"udpm://239.255.76.67:7667?ttl=0\" with a "
             "multicast address, not \"udpm://10.0.0.1:1\"");

@@ -32,17 +32,17 @@ Daemon::Daemon(DaemonParts parts, const ReloadSignal& reload_signal, Log& log)
       log_(log),
       reload_signal_(reload_signal),
       frames_(queueDepth(parts_.configuration)),
-      errands_(frames_),
+      requests_(frames_),
       capture_loop_(parts_.camera.opener, frames_, camera_status_, log_),
       slam_loop_(makeSlam(parts_.configuration.slam, parts_.camera.calibration,
                           parts_.start.options, std::move(parts_.start.map)),
-                 frames_, camera_status_, errands_, output_),
+                 frames_, camera_status_, requests_, output_),
       publisher_(parts_.configuration.publish, parts_.configuration.body,
                  parts_.configuration.slam.dictionary, output_, camera_status_, frames_, health_,
                  log_),
       housekeeper_(frames_, output_, health_, service_, log_,
                    {.watchdog_ns = ServiceManager::watchdogNs()}),
-      maps_(parts_.configuration.slam, parts_.camera.calibration, errands_, output_, log_),
+      maps_(parts_.configuration.slam, parts_.camera.calibration, requests_, output_, log_),
       controller_({.log = log_,
                    .publisher = publisher_,
                    .maps = maps_,
@@ -79,14 +79,14 @@ void Daemon::wireRecorder() {
 void Daemon::wireCounters() {
   const auto add = [this](const auto* part) {
     if (part == nullptr) return;
-    publisher_.addCounters([part](const CounterSink& sink) { part->tellCounters(sink); });
+    publisher_.addCounters([part](const CounterSink& sink) { part->reportCounters(sink); });
   };
   add(&maps_);
   add(&controller_);
   add(parts_.control.get());
   add(parts_.recorder.get());
   publisher_.addCounters([this](const CounterSink& sink) {
-    sink("realtime.refused", refusals_.load(std::memory_order_relaxed));
+    sink("realtime.refused", rejections_.load(std::memory_order_relaxed));
   });
 }
 
@@ -104,11 +104,11 @@ std::optional<Daemon::Failure> Daemon::run() {
 
 std::thread Daemon::start(const char* name, const ThreadOptions& options,
                           std::function<void()> run) {
-  const auto refused = [this](const Error& error) {
+  const auto rejected = [this](const Error& error) {
     log_.warning(error.message);
-    refusals_.fetch_add(1, std::memory_order_relaxed);
+    rejections_.fetch_add(1, std::memory_order_relaxed);
   };
-  return startThread(name, options, refused, std::move(run));
+  return startThread(name, options, rejected, std::move(run));
 }
 
 void Daemon::startThreads() {
@@ -116,7 +116,7 @@ void Daemon::startThreads() {
   if (realtime.lock_memory) {
     if (const Status locked = lockMemory(); !locked) {
       log_.warning(locked.error().message);
-      refusals_.fetch_add(1, std::memory_order_relaxed);
+      rejections_.fetch_add(1, std::memory_order_relaxed);
     }
   }
   publisher_thread_ = start("wm-publisher", realtime.publisher, [this] {
@@ -129,7 +129,7 @@ void Daemon::startThreads() {
     recorder_thread_ = start("wm-recorder", realtime.recorder, [this] { parts_.recorder->run(); });
   }
   map_thread_ = start("wm-maps", {}, [this] {
-    giveWay();
+    lowerPriority();
     maps_.run();
   });
   housekeeping_thread_ = start("wm-housekeeping", {}, [this] { housekeeper_.run(); });
@@ -146,7 +146,7 @@ std::optional<Daemon::Failure> Daemon::stopThreads() {
   }
   maps_.requestStop();
   map_thread_.join();
-  // Meanwhile housekeeping goes on: an optimisation of everything may take longer than the watchdog
+  // Meanwhile housekeeping goes on: an optimization of everything may take longer than the watchdog
   // waits.
   const Result<std::string> saved = maps_.saveAtEnd(slam_loop_.slam());
   housekeeper_.requestStop();
@@ -159,7 +159,7 @@ std::optional<Daemon::Failure> Daemon::stopThreads() {
   }
   const slam::Counters counters = slam_loop_.counters();
   log_.info("stopped after " + std::to_string(counters.frames) + " frames, " +
-            std::to_string(counters.localized) + " of them localised");
+            std::to_string(counters.localized) + " of them localized");
   if (!saved) return Failure{saved.error()};
   return std::nullopt;
 }

@@ -2,7 +2,7 @@
 //
 //   capture thread --> [newest wins] --> SLAM thread --> [records, map] --> publisher thread
 //        |                                  ^    ^                             |    |    |
-//        |                             nudges   [errands]             [health] v    v    |
+//        |                             wakes   [requests]             [health] v    v    |
 //        |                                  |    '--- map thread               |   LCM   |
 //        |                                  '-------- housekeeping thread <----'         |
 //        |                                              ^      ^                         |
@@ -23,24 +23,24 @@
 #include <thread>
 
 #include "base/result.h"
-#include "daemon/frames/camera_setup.h"
-#include "daemon/frames/camera_status.h"
-#include "daemon/frames/capture_loop.h"
 #include "daemon/configuration.h"
 #include "daemon/control/control_server.h"
 #include "daemon/control/controller.h"
-#include "daemon/system/housekeeper.h"
-#include "daemon/system/log.h"
+#include "daemon/control/reload_signal.h"
+#include "daemon/control/stop_signal.h"
+#include "daemon/frames/camera_setup.h"
+#include "daemon/frames/camera_status.h"
+#include "daemon/frames/capture_loop.h"
+#include "daemon/frames/slam_loop.h"
+#include "daemon/frames/slam_requests.h"
+#include "daemon/frames/triple_buffer.h"
 #include "daemon/maps/map_keeper.h"
 #include "daemon/maps/map_worker.h"
 #include "daemon/publish/publisher.h"
 #include "daemon/record/recorder.h"
-#include "daemon/control/reload_signal.h"
+#include "daemon/system/housekeeper.h"
+#include "daemon/system/log.h"
 #include "daemon/system/service_manager.h"
-#include "daemon/frames/slam_errands.h"
-#include "daemon/frames/slam_loop.h"
-#include "daemon/control/stop_signal.h"
-#include "daemon/frames/triple_buffer.h"
 
 namespace waymark::daemon {
 
@@ -83,11 +83,11 @@ class Daemon {
 
   CameraStatus camera_status_;
   FrameQueue frames_;
-  SlamErrands errands_;
+  SlamRequests requests_;
   SlamOutput output_;
   TripleBuffer<health_t> health_;
   const ServiceManager service_{};
-  std::atomic<std::uint64_t> refusals_{0};  // of what [realtime] asks for
+  std::atomic<std::uint64_t> rejections_{0};  // of what [realtime] asks for
 
   CaptureLoop capture_loop_;
   SlamLoop slam_loop_;

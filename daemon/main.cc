@@ -12,15 +12,15 @@
 #include <CLI/CLI.hpp>
 #include <opencv2/core/utility.hpp>
 
-#include "daemon/frames/camera_setup.h"
 #include "daemon/configuration.h"
 #include "daemon/control/control_server.h"
+#include "daemon/control/reload_signal.h"
 #include "daemon/daemon.h"
-#include "daemon/system/datagrams_only.h"
-#include "daemon/system/log.h"
+#include "daemon/frames/camera_setup.h"
 #include "daemon/maps/map_keeper.h"
 #include "daemon/record/recorder_setup.h"
-#include "daemon/control/reload_signal.h"
+#include "daemon/system/datagrams_only.h"
+#include "daemon/system/log.h"
 
 namespace waymark::daemon {
 namespace {

@@ -51,10 +51,10 @@ constexpr const char* kCovarianceFields = "xx0,xy0,yy0,...,xx3,xy3,yy3";
 // The file's corners go bottom-left, bottom-right, top-right, top-left: ours backwards.
 constexpr std::size_t ourCorner(std::size_t file_corner) { return 3 - file_corner; }
 
-// d pixel / d normalised.
-Eigen::Matrix2d lensJacobian(const slam::CameraModel& camera, const Eigen::Vector2d& normalised) {
+// d pixel / d normalized.
+Eigen::Matrix2d lensJacobian(const slam::CameraModel& camera, const Eigen::Vector2d& normalized) {
   Eigen::Matrix2d J;
-  static_cast<void>(camera.distort(normalised, &J));
+  static_cast<void>(camera.distort(normalized, &J));
   return J;
 }
 
@@ -63,7 +63,7 @@ bool undistort(const slam::CameraModel& camera, const Covariances& covariances_p
                slam::MarkerDetection* detection) {
   if (!slam::undistortCorners(camera, detection)) return false;
   for (std::size_t i = 0; i < 4; ++i) {
-    const Eigen::Matrix2d J_inverse = lensJacobian(camera, detection->normalised[i]).inverse();
+    const Eigen::Matrix2d J_inverse = lensJacobian(camera, detection->normalized[i]).inverse();
     detection->covariance[i] = J_inverse * covariances_px2[i] * J_inverse.transpose();
   }
   return true;
@@ -138,7 +138,7 @@ std::string formatDetection(std::int64_t time_ns, const slam::MarkerDetection& d
   }
   for (std::size_t i = 0; i < 4; ++i) {
     const std::size_t corner = ourCorner(i);
-    const Eigen::Matrix2d J = lensJacobian(camera, detection.normalised[corner]);
+    const Eigen::Matrix2d J = lensJacobian(camera, detection.normalized[corner]);
     const Eigen::Matrix2d covariance_px2 = J * detection.covariance[corner] * J.transpose();
     append(covariance_px2(0, 0));
     append(covariance_px2(0, 1));

@@ -45,7 +45,7 @@ TEST(RecordedDetections, CornersAreReorderedAndUndistorted) {
   EXPECT_EQ(detection.pixels[2], Eigen::Vector2d(110, 200));
   EXPECT_EQ(detection.pixels[3], Eigen::Vector2d(100, 200));
   for (std::size_t i = 0; i < 4; ++i) {
-    EXPECT_LT((camera().distort(detection.normalised[i]) - detection.pixels[i]).norm(), 1e-6);
+    EXPECT_LT((camera().distort(detection.normalized[i]) - detection.pixels[i]).norm(), 1e-6);
   }
   // At the image centre half a pixel is 0.5 / 500.
   const Eigen::Matrix2d centre = recorded->frames[0].detections[0].covariance[3];
@@ -81,8 +81,8 @@ std::vector<RecordedFrame> someFrames(const slam::CameraModel& camera) {
         const std::size_t row = k / 2;
         const Eigen::Vector2d corner(200.0 + 30.0 * id + 60.0 * static_cast<double>(column),
                                      120.0 + 70.0 * static_cast<double>(row));
-        detection.normalised[k] = *camera.undistort(corner + Eigen::Vector2d(away(rng), away(rng)));
-        detection.pixels[k] = camera.distort(detection.normalised[k]);
+        detection.normalized[k] = *camera.undistort(corner + Eigen::Vector2d(away(rng), away(rng)));
+        detection.pixels[k] = camera.distort(detection.normalized[k]);
         Eigen::Matrix2d root;
         root << 1e-4, 0.0, 3e-5 * away(rng), 2e-4;
         detection.covariance[k] = root * root.transpose();
@@ -113,7 +113,7 @@ TEST(RecordedDetections, WhatWasWrittenReadsBack) {
       EXPECT_EQ(is.hamming, was.hamming);
       for (std::size_t k = 0; k < 4; ++k) {
         EXPECT_EQ(is.pixels[k], was.pixels[k]);
-        EXPECT_LT((is.normalised[k] - was.normalised[k]).norm(), 1e-9);
+        EXPECT_LT((is.normalized[k] - was.normalized[k]).norm(), 1e-9);
         EXPECT_LT((is.covariance[k] - was.covariance[k]).norm(), 1e-7 * was.covariance[k].norm());
       }
     }

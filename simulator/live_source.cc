@@ -19,7 +19,7 @@ namespace {
 
 // Frames a driver keeps for a late reader; V4L2 applications usually ask for four.
 constexpr std::uint64_t kDriverQueue = 4;
-constexpr double kMostMegabytes = 4096.0;
+constexpr double kMaxMegabytes = 4096.0;
 
 std::string invalidReason(const LiveOptions& options) {
   if (!(options.loop_s > 0.0 && options.loop_s <= 3600.0)) {
@@ -54,9 +54,9 @@ Result<std::unique_ptr<LiveSimulatedSource>> openLive(const LiveOptions& options
   if (!scene) return scene.error();
   const double frames = std::max(1.0, std::round(options.loop_s * scene->rate_hz));
   const double megabytes = frames * static_cast<double>(imageBytes(scene->camera)) / 1e6;
-  if (megabytes > kMostMegabytes) {
+  if (megabytes > kMaxMegabytes) {
     return Error{"the loop would take " + std::to_string(std::lround(megabytes)) +
-                 " MB of memory (at most " + std::to_string(std::lround(kMostMegabytes)) +
+                 " MB of memory (at most " + std::to_string(std::lround(kMaxMegabytes)) +
                  "): shorten it, or lower rate or size"};
   }
   Options simulated = options.simulation;

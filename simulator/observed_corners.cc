@@ -33,11 +33,11 @@ bool disturb(const slam::CameraModel& camera, double sigma_px, Random* random,
     const double dx = random->gaussian();
     const double dy = random->gaussian();
     detection->pixels[k] += sigma_px * Eigen::Vector2d(dx, dy);
-    const auto normalised = camera.undistort(detection->pixels[k]);
-    if (!normalised) return false;
-    detection->normalised[k] = *normalised;
-    Eigen::Matrix2d J;  // pixel by normalised
-    static_cast<void>(camera.distort(*normalised, &J));
+    const auto normalized = camera.undistort(detection->pixels[k]);
+    if (!normalized) return false;
+    detection->normalized[k] = *normalized;
+    Eigen::Matrix2d J;  // pixel by normalized
+    static_cast<void>(camera.distort(*normalized, &J));
     detection->covariance[k] = sigma_px * sigma_px * (J.transpose() * J).inverse();
   }
   return true;

@@ -66,7 +66,7 @@ TEST_F(ObservedCorners, NoiseIsWhatTheCovarianceSays) {
         const Eigen::Vector3d p_c = T_c_w * (marker.T_w_m * corners[k]);
         const Eigen::Vector2d error_px = detection.pixels[k] - *camera_->project(p_c);
         const Eigen::Vector2d error =
-            detection.normalised[k] - Eigen::Vector2d(p_c.x() / p_c.z(), p_c.y() / p_c.z());
+            detection.normalized[k] - Eigen::Vector2d(p_c.x() / p_c.z(), p_c.y() / p_c.z());
         bias += error_px;
         squared_px2 += error_px.squaredNorm();
         whitened += error.dot(detection.covariance[k].inverse() * error);

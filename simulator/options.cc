@@ -8,8 +8,8 @@ namespace {
 // Larger images are a mistyped size, not a camera.
 constexpr int kSmallestSide = 32;
 constexpr int kLargestSide = 8192;
-constexpr int kMostExposureSamples = 256;
-constexpr double kMostFrames = 10e6;
+constexpr int kMaxExposureSamples = 256;
+constexpr double kMaxFrames = 10e6;
 
 // Not NaN, not infinite, within the bounds.
 bool within(double value, double low, double high) { return value >= low && value <= high; }
@@ -25,7 +25,7 @@ std::string invalidStream(const Options& o) {
     return "image size must be 32 to 8192 pixels a side";
   }
   if (o.rate_hz && !within(*o.rate_hz, 0.1, 1000.0)) return "rate must be 0.1 to 1000 Hz";
-  if (o.duration_s && !(within(*o.duration_s, 1e-3, kMostFrames))) {
+  if (o.duration_s && !(within(*o.duration_s, 1e-3, kMaxFrames))) {
     return "duration must be a positive number of seconds";
   }
   if (o.marker_size_m && !within(*o.marker_size_m, 1e-3, 10.0)) {
@@ -40,7 +40,7 @@ std::string invalidCamera(const Options& o) {
   if (!within(o.vignetting, 0.0, 1.0)) return "vignetting must be 0 to 1";
   if (!within(o.exposure_s, 0.0, 1.0)) return "exposure must be 0 to 1 second";
   if (!within(o.readout_s, 0.0, 1.0)) return "readout time must be 0 to 1 second";
-  if (o.exposure_samples < 1 || o.exposure_samples > kMostExposureSamples) {
+  if (o.exposure_samples < 1 || o.exposure_samples > kMaxExposureSamples) {
     return "exposure samples must be 1 to 256";
   }
   return {};

@@ -9,7 +9,7 @@
 
 namespace waymark::simulator {
 
-// Normalised coordinates (x, y at z = 1) of the pixel centres, with `margin` more pixels on each
+// Normalized coordinates (x, y at z = 1) of the pixel centres, with `margin` more pixels on each
 // side of the image: row and column 0 are at pixel (-margin, -margin). Floats hold a direction to
 // about 0.0001 px.
 class RayTable {
@@ -23,7 +23,7 @@ class RayTable {
   [[nodiscard]] const float* x(int row) const { return x_.data() + offset(row); }
   [[nodiscard]] const float* y(int row) const { return y_.data() + offset(row); }
 
-  // The smallest box of normalised coordinates around all of them.
+  // The smallest box of normalized coordinates around all of them.
   struct Bounds {
     float x_low, x_high, y_low, y_high;
   };

@@ -18,10 +18,10 @@ std::vector<float> gaussianTaps(double sigma, int radius) {
     taps.push_back(std::exp(-0.5 * i * i / (sigma * sigma)));
     sum += 2.0 * taps.back();
   }
-  std::vector<float> normalised;
-  normalised.reserve(taps.size());
-  for (const double tap : taps) normalised.push_back(static_cast<float>(tap / sum));
-  return normalised;
+  std::vector<float> normalized;
+  normalized.reserve(taps.size());
+  for (const double tap : taps) normalized.push_back(static_cast<float>(tap / sum));
+  return normalized;
 }
 
 }  // namespace

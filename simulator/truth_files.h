@@ -7,8 +7,8 @@
 
 #include "base/result.h"
 #include "io/maps/map_file.h"
-#include "io/trajectory.h"
 #include "io/maps/visible_markers.h"
+#include "io/trajectory.h"
 #include "simulator/simulation.h"
 
 namespace waymark::simulator {

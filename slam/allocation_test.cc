@@ -107,7 +107,7 @@ TEST_P(SteadyTracking, TakesNone) {
 }
 
 INSTANTIATE_TEST_SUITE_P(Modes, SteadyTracking, ::testing::Bool(),
-                         [](const auto& test) { return test.param ? "Mapping" : "LocaliseOnly"; });
+                         [](const auto& test) { return test.param ? "Mapping" : "LocalizeOnly"; });
 
 }  // namespace
 }  // namespace waymark::slam

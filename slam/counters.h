@@ -14,12 +14,12 @@ struct Counters {
   std::uint64_t loops_without_drift = 0;  // both ends agreed, and were joined as they were
   std::uint64_t loops_refused = 0;        // tested, and found to contradict the map
   std::uint64_t rejected_markers = 0;     // gated out of a pose because they did not fit
-  std::uint64_t rejected_poses = 0;       // a pose was computed and refused
+  std::uint64_t rejected_poses = 0;       // a pose was computed and rejected
   std::uint64_t clipped_markers = 0;      // a corner at the image's border or beyond
   std::uint64_t doubled_markers = 0;      // one id twice in a frame: both left out
   std::uint64_t flipped_markers = 0;      // the second hypothesis turned out to be the right one
   std::uint64_t quarantined_markers = 0;  // moved, or contradicted the map
-  std::uint64_t gated_views = 0;          // too far off for a local optimisation
+  std::uint64_t gated_views = 0;          // too far off for a local optimization
   std::uint64_t refused_markers = 0;      // printed twice, or moved again and again
   std::uint64_t full_scans = 0;           // frames searched as a whole
   std::uint64_t followed_frames = 0;  // frames searched where markers were expected, and in turns

@@ -6,20 +6,20 @@
 
 namespace waymark::slam {
 
-void Options::takePhotographs() {
+void Options::treatAsUnorderedImages() {
   follower.enabled = false;
   tracking.motion.max_age_s = 0.0;
-  work_per_frame = kPlenty;
+  work_per_frame = kUnlimited;
 }
 
 std::string Options::invalidReason() const {
   const auto positive = [](double v) { return std::isfinite(v) && v > 0.0; };
   if (std::string reason = markers.invalidReason(); !reason.empty()) return reason;
-  if (!(initialisation.ambiguity_ratio >= 1.0) || !(mapper.marker_pose.ambiguity_ratio >= 1.0) ||
-      !(tracking.relocalisation.ambiguity_ratio >= 1.0)) {
+  if (!(initialization.ambiguity_ratio >= 1.0) || !(mapper.marker_pose.ambiguity_ratio >= 1.0) ||
+      !(tracking.relocalization.ambiguity_ratio >= 1.0)) {
     return "ambiguity ratios must be at least 1";
   }
-  if (initialisation.attempts < 1) return "initialisation needs at least 1 attempt";
+  if (initialization.attempts < 1) return "initialization needs at least 1 attempt";
   const KeyframeOptions& keyframes = mapper.keyframes;
   if (!positive(keyframes.min_baseline_m) || !positive(keyframes.min_rotation_rad)) {
     return "keyframe distances must be positive";

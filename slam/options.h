@@ -5,12 +5,12 @@
 #include <string>
 
 #include "slam/detection/search/marker_follower.h"
-#include "slam/initialisation/initialiser.h"
+#include "slam/initialization/initializer.h"
 #include "slam/loop_closure/loop_closer.h"
 #include "slam/map/marker_options.h"
 #include "slam/mapping/mapper.h"
-#include "slam/marker_watch/marker_watch.h"
-#include "slam/optimisation/map_optimiser.h"
+#include "slam/marker_screening/marker_screening.h"
+#include "slam/optimization/map_optimizer.h"
 #include "slam/rolling_shutter/rolling_shutter.h"
 #include "slam/tracking/tracker.h"
 
@@ -23,22 +23,22 @@ struct Options {
 
   DetectorOptions detector;
   FollowerOptions follower;
-  InitialisationOptions initialisation;
+  InitializationOptions initialization;
   TrackerOptions tracking;
   MapperOptions mapper;
   LoopOptions loops;
-  MarkerWatchOptions watch;
+  MarkerScreeningOptions screening;
   RollingShutterOptions shutter;
-  // What a frame may spend on optimisations and loop closures, which go on over as many frames as
+  // What a frame may spend on optimizations and loop closures, which go on over as many frames as
   // they take: counted, not timed, a unit being what took a microsecond on a core of 3 GHz. More is
   // done sooner, less is steadier.
   double work_per_frame = 150.0;
-  BundleOptions global_optimisation{.max_iterations = 50, .min_relative_decrease = 1e-6};
+  BundleOptions global_optimization{.max_iterations = 50, .min_relative_decrease = 1e-6};
   IntrinsicPriors intrinsics;
 
   // For images that are no sequence: nothing is followed or predicted from one to the next, and no
   // work is left for the next one.
-  void takePhotographs();
+  void treatAsUnorderedImages();
 
   // Empty when usable, else which option is wrong and why.
   [[nodiscard]] std::string invalidReason() const;

@@ -16,7 +16,7 @@
 #include "slam/geometry/camera_model.h"
 #include "slam/geometry/transform.h"
 #include "slam/map/map.h"
-#include "slam/mapping/past_frames.h"
+#include "slam/mapping/recorded_frames.h"
 #include "slam/options.h"
 #include "slam/pose_estimate.h"
 
@@ -52,7 +52,7 @@ class StageObserver {
 
 class Slam {
  public:
-  // Goes on with `map` (of the same dictionary) where one is given; it then starts by relocalising.
+  // Goes on with `map` (of the same dictionary) where one is given; it then starts by relocalizing.
   // Precondition: options.invalidReason() is empty.
   Slam(const CameraModel& camera, Dictionary dictionary, const Options& options, Map map = {});
   ~Slam();
@@ -73,20 +73,20 @@ class Slam {
   // What is under way (Options::work_per_frame) is done to its end, and in the map.
   void finish();
   // Makes keyframes of frames that were none while they came, and gives those that were the markers
-  // that fit by now: the optimisation at the end of a recording need not be fast, and more views
+  // that fit by now: the optimization at the end of a recording need not be fast, and more views
   // make a better map than section 4.10's keyframes alone. Each frame is located against the map as
   // it is now; those that do not fit are left out. Does nothing when mapping is off.
-  void addViews(std::span<const PastFrame> frames);
-  // Global optimisation of the whole map (section 4.10), for the end of a recording or a map that
+  void densify(std::span<const RecordedFrame> frames);
+  // Global optimization of the whole map (section 4.10), for the end of a recording or a map that
   // is to be saved; does nothing when mapping is off.
-  void optimiseGlobally();
+  void optimizeGlobally();
   // The same with the intrinsics among the unknowns (Eq. 41), expected where the camera given at
   // the start has them: camera() is then the better lens.
-  void optimiseGloballyWithIntrinsics();
+  void optimizeGloballyWithIntrinsics();
 
   // A frame's pose against the map as it is now; for trajectory_final. Empty when too few of its
   // markers are in the map.
-  [[nodiscard]] std::optional<PoseEstimate> localize(const PastFrame& frame) const;
+  [[nodiscard]] std::optional<PoseEstimate> localize(const RecordedFrame& frame) const;
   // First to last row, seconds, as given or learned; 0 for a global shutter.
   [[nodiscard]] double readout_s() const;
 

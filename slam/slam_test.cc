@@ -105,7 +105,7 @@ class SlamTest : public ::testing::Test {
 
 TEST_F(SlamTest, TracksAndMapsAWall) {
   walk(0, 150, poseAt, 0.03);
-  slam().optimiseGlobally();
+  slam().optimizeGlobally();
   expectTrueMap(20, 0.03);
   EXPECT_EQ(slam().counters().frames, 150U);
   EXPECT_EQ(slam().counters().localized, 150U);
@@ -118,7 +118,7 @@ TEST_F(SlamTest, SaysWhyItHasNotStarted) {
   EXPECT_STREQ(nothing.reason, "no marker in view");
 }
 
-TEST_F(SlamTest, RelocalisesAfterABlackout) {
+TEST_F(SlamTest, RelocalizesAfterABlackout) {
   walk(0, 60, poseAt, 0.03);
   for (int i = 0; i < 100; ++i) {
     const FrameResult dark = feed(std::vector<MarkerDetection>{});
@@ -160,10 +160,10 @@ TEST_F(SlamTest, TheSameInputGivesTheSameBytes) {
   }
 }
 
-// Whoever takes photographs has all of a map's optimisation in each of them: there may be no next
+// Whoever takes photographs has all of a map's optimization in each of them: there may be no next
 // one to go on with it.
 TEST_F(SlamTest, PhotographsLeaveNoWorkForTheNext) {
-  options_.takePhotographs();
+  options_.treatAsUnorderedImages();
   Slam other{camera_, *Dictionary::byName("APRILTAG_36h11"), options_};
   for (int i = 0; i < 240; i += 15) {
     feed(poseAt(i));
@@ -219,13 +219,13 @@ void expectSameBytes(const Map& a, const Map& b) {
     ASSERT_EQ(keyframe.detections.size(), other->second.detections.size()) << id;
     for (std::size_t i = 0; i < keyframe.detections.size(); ++i) {
       EXPECT_EQ(keyframe.detections[i].id, other->second.detections[i].id);
-      EXPECT_EQ(keyframe.detections[i].normalised, other->second.detections[i].normalised);
+      EXPECT_EQ(keyframe.detections[i].normalized, other->second.detections[i].normalized);
     }
   }
 }
 
 // With everything that would change a map: moved, unknown and doubled markers, darkness, another
-// end of the wall, and the call for optimisation.
+// end of the wall, and the call for optimization.
 TEST_F(SlamTest, WithMappingOffTheMapStaysBitIdentical) {
   walk(0, 100, poseAt, 0.03);
   const Map map = slam().map();
@@ -239,8 +239,8 @@ TEST_F(SlamTest, WithMappingOffTheMapStaysBitIdentical) {
     walk(0, 240, toAndFro, 0.03);
     EXPECT_FALSE(feed(std::vector<MarkerDetection>{}).pose);
   }
-  slam().optimiseGlobally();
-  slam().optimiseGloballyWithIntrinsics();
+  slam().optimizeGlobally();
+  slam().optimizeGloballyWithIntrinsics();
   expectSameBytes(slam().map(), map);
   EXPECT_EQ(slam().counters().keyframes_added, 0U);
   EXPECT_GT(slam().counters().doubled_markers, 0U) << "but what is odd is counted";
@@ -263,7 +263,7 @@ TEST_F(SlamTest, GoesOnWithAnOldMap) {
   walk(60, 150, poseAt, 0.03);  // in the old map's world
   EXPECT_EQ(slam().counters().relocalizations, 1U) << "it starts by finding itself in the map";
   EXPECT_GT(slam().map().keyframes().rbegin()->first, last);
-  slam().optimiseGlobally();
+  slam().optimizeGlobally();
   expectTrueMap(20, 0.03);
 }
 
@@ -321,17 +321,17 @@ TEST_F(SlamTest, ABendInTheMapIsNotTakenForMoves) {
   }
   EXPECT_GE(slam().counters().loop_closures, 1U);
   EXPECT_EQ(slam().counters().quarantined_markers, 0U);
-  slam().optimiseGlobally();
+  slam().optimizeGlobally();
   expectTrueMap(18, 0.01);
 }
 
 // Two prints of one id side by side.
-TEST_F(SlamTest, AnIdSeenTwiceAtOnceIsRefused) {
+TEST_F(SlamTest, AnIdSeenTwiceAtOnceIsRejected) {
   constexpr int kDoubled = 11;
   walk(0, 50, toAndFro, 0.03);
   markers_.push_back({kDoubled, testing::markerFacing({0.2, 2.9, 0.6}, {0.5, 0.0, 0.2})});
   walk(50, 200, toAndFro, 0.03);
-  EXPECT_EQ(slam().map().find(kDoubled)->state, MarkerState::kRefused);
+  EXPECT_EQ(slam().map().find(kDoubled)->state, MarkerState::kBanned);
   EXPECT_EQ(slam().counters().refused_markers, 1U);
   expectTrueMap(20, 0.03);
 }
@@ -343,7 +343,7 @@ TEST_F(SlamTest, AMarkerOfAWrongSizeDoesNotRuinTheMap) {
   options_.markers.other_sizes = {{{kWrong, kWrong}, 0.6 * kSize}};
   walk(0, 300, toAndFro, 0.05);
   expectTrueMap(20, 0.05, kWrong);
-  slam().optimiseGlobally();
+  slam().optimizeGlobally();
   expectTrueMap(20, 0.05, kWrong);
 }
 
@@ -351,7 +351,7 @@ TEST_F(SlamTest, AMarkerOfAWrongSizeDoesNotRuinTheMap) {
 TEST_F(SlamTest, StartsFromAmbiguousMarkersOnly) {
   markers_ = testing::frontalMarkers(&rng_);
   options_.markers.size_m = print_size_m_ = 0.1;
-  options_.initialisation.attempts = 1000;
+  options_.initialization.attempts = 1000;
   sigma_px_ = 0.15;
   const auto path = [](int i) {
     return testing::lookAt({0.012 * i - 0.6, 0.003 * i, 0.1 * std::sin(0.05 * i)}, {0, 3, 0});
@@ -371,7 +371,7 @@ TEST_F(SlamTest, StartsFromAmbiguousMarkersOnly) {
   }
   ASSERT_GE(started, 5) << "there was no baseline yet";
   EXPECT_LT(started, 120);
-  slam().optimiseGlobally();
+  slam().optimizeGlobally();
   expectTrueMap(4, 0.06);
 }
 
@@ -398,7 +398,7 @@ TEST_F(SlamInARoomTest, ALongWalkClosesItsLoop) {
   EXPECT_GE(counters.loop_closures + counters.loops_without_drift, 1U);
   EXPECT_EQ(counters.relocalizations, 0U);
   expectTrueMap(kMarkers, 0.05);
-  slam().optimiseGlobally();
+  slam().optimizeGlobally();
   expectTrueMap(kMarkers, 0.02);
 }
 
@@ -412,7 +412,7 @@ TEST_F(SlamInARoomTest, ALoopWithDriftIsClosedOnTheWay) {
   markers_ = testing::roomMarkers(14, 2.5, &rng_);
   const auto views = testing::roomViews(0.0, 330.0 * std::numbers::pi / 180, 34);
   Map map = testing::trueMap(camera_, views, markers_, print_size_m_, sigma_px_, &rng_);
-  (void)optimiseGlobally(&map, options_.markers, {.max_iterations = 50});
+  (void)optimizeGlobally(&map, options_.markers, {.max_iterations = 50});
   start(std::move(map));
   T_v_w_ = Transform{};  // the map's world is the tests': its first keyframe was the truth
   const double drift = errorOf(slam().map().markers().at(13));  // the one at 334 degrees
@@ -427,10 +427,10 @@ TEST_F(SlamInARoomTest, ALoopWithDriftIsClosedOnTheWay) {
 }
 
 // The second print hangs where the first one is never in view with it.
-TEST_F(SlamInARoomTest, AnIdPrintedTwiceIsRefused) {
+TEST_F(SlamInARoomTest, AnIdPrintedTwiceIsRejected) {
   markers_.push_back({0, testing::markerFacing({-2.4, -0.35, 0.5}, {0.5, -0.8, 0.3})});
   walk(0, 4 * kFramesPerTurn, turning, 0.05);
-  EXPECT_EQ(slam().map().find(0)->state, MarkerState::kRefused);
+  EXPECT_EQ(slam().map().find(0)->state, MarkerState::kBanned);
   EXPECT_EQ(slam().counters().refused_markers, 1U);
   expectTrueMap(kMarkers - 1, 0.05, 0);
 }

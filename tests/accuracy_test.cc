@@ -76,7 +76,7 @@ CornerErrors cornerErrors(const simulator::Options& options) {
       for (std::size_t k = 0; k < 4; ++k) {
         const Eigen::Vector2d error = seen.pixels[k] - expected[k];
         Eigen::Matrix2d J;
-        (void)camera.distort(seen.normalised[k], &J);
+        (void)camera.distort(seen.normalized[k], &J);
         const Eigen::Matrix2d covariance = J * seen.covariance[k] * J.transpose();
         sum.bias += error;
         sum.outward += error.dot((expected[k] - middle).normalized());
@@ -138,7 +138,7 @@ TEST(CornerAccuracyInMotion, BlurDoesNotBias) {
 class SceneAccuracy : public ::testing::TestWithParam<const char*> {};
 
 // A short stretch of the paper's scenes; docs/results.md has the full ones.
-TEST_P(SceneAccuracy, EveryFrameIsLocalisedToMillimetres) {
+TEST_P(SceneAccuracy, EveryFrameIsLocalizedToMillimetres) {
   simulator::Options options;
   options.scene = GetParam();
   options.seed = 4;
@@ -199,7 +199,7 @@ std::ostream& operator<<(std::ostream& out, const Recording& recording) {
 class RealRecording : public ::testing::TestWithParam<Recording> {};
 
 // At least 97 % of the frames in which OpenCV's detector finds a marker get a pose.
-TEST_P(RealRecording, IsLocalised) {
+TEST_P(RealRecording, IsLocalized) {
   const Recording& recording = GetParam();
   const char* data = std::getenv("WAYMARK_SHARED_DATA");
   const fs::path folder = fs::path(data != nullptr ? data : "") / recording.folder;
@@ -214,7 +214,7 @@ TEST_P(RealRecording, IsLocalised) {
                   options);
   const auto dictionary = cv::aruco::getPredefinedDictionary(recording.opencv_dictionary);
   int with_marker = 0;
-  int localised = 0;
+  int localized = 0;
   forEachFrame(**source, [&](const capture::Frame& frame) {
     const ImageView image = frame.image();
     const cv::Mat grey(image.height, image.width, CV_8UC1, const_cast<std::uint8_t*>(image.data),
@@ -225,10 +225,10 @@ TEST_P(RealRecording, IsLocalised) {
     const slam::FrameResult result = slam.processFrame(image, timeOf(frame));
     if (ids.empty()) return;
     ++with_marker;
-    localised += result.pose ? 1 : 0;
+    localized += result.pose ? 1 : 0;
   });
   ASSERT_GT(with_marker, 0);
-  EXPECT_GE(localised, 0.97 * with_marker) << "of " << with_marker;
+  EXPECT_GE(localized, 0.97 * with_marker) << "of " << with_marker;
 }
 
 INSTANTIATE_TEST_SUITE_P(

@@ -11,11 +11,11 @@
 #include <nlohmann/json.hpp>
 #include <opencv2/imgcodecs.hpp>
 
-#include "tools/calibration/testing/drawn_board.h"
 #include "io/calibrations/calibration_file.h"
 #include "slam/testing/synthetic.h"
 #include "tests/process.h"
 #include "tests/temporary_directory.h"
+#include "tools/calibration/testing/drawn_board.h"
 
 namespace waymark {
 namespace {
@@ -129,7 +129,7 @@ TEST_F(CalibrateTool, FromPhotographsToACalibration) {
   EXPECT_FALSE(cv::imread((directory_ / "out" / "calibration.png").string()).empty());
 }
 
-TEST_F(CalibrateTool, ViewsThatCannotSayAreRefusedWithoutFiles) {
+TEST_F(CalibrateTool, ViewsThatCannotSayAreRejectedWithoutFiles) {
   std::vector<slam::Transform> poses;
   for (int i = 0; i < 9; ++i) {
     poses.push_back(calibration::testing::boardAt(

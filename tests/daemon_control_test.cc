@@ -24,7 +24,7 @@ using std::chrono::milliseconds;
 class DaemonControlTest : public RunningDaemonTest {
  protected:
   // Exit code 1, and one line that holds `reason`.
-  void expectRefused(const std::vector<std::string>& arguments, const std::string& reason) {
+  void expectRejected(const std::vector<std::string>& arguments, const std::string& reason) {
     const ProgramResult result = ctl(arguments);
     EXPECT_EQ(result.exit_code, 1) << result.err;
     EXPECT_NE(result.err.find(reason), std::string::npos) << result.err;
@@ -75,8 +75,8 @@ TEST_F(DaemonControlTest, TheMapIsSavedLoadedAndReset) {
   const fs::path copy = directory_ / "copy.json";
   fs::copy(map_, copy);
   EXPECT_TRUE(printed({"load-map", copy.string()}).starts_with(copy.string() + ": going on with"));
-  expectRefused({"load-map", "/nowhere.json"}, "/nowhere.json: cannot be read: No such file");
-  expectRefused({"load-map", file_.string()}, file_.string() + ":1:");
+  expectRejected({"load-map", "/nowhere.json"}, "/nowhere.json: cannot be read: No such file");
+  expectRejected({"load-map", file_.string()}, file_.string() + ":1:");
   EXPECT_TRUE(reaches("map.loads", 2));
   EXPECT_TRUE(reaches("map.load_failures", 2));
 
@@ -119,9 +119,9 @@ TEST_F(DaemonControlTest, RecordsWhenAsked) {
   EXPECT_TRUE(eventually([&] { return state() == "off"; }));
 }
 
-TEST_F(DaemonControlTest, WhatItRefuses) {
+TEST_F(DaemonControlTest, WhatItRejects) {
   start(configuration("localize_only = false\n"));
-  expectRefused({"record", "start"}, "record.directory is not configured");
+  expectRejected({"record", "start"}, "record.directory is not configured");
   EXPECT_EQ(ctl({"fly"}).exit_code, 2);
   EXPECT_EQ(ctl({"record", "up"}).exit_code, 2);
   EXPECT_EQ(ctl({"set-log-level", "loud"}).exit_code, 2);
@@ -150,8 +150,8 @@ TEST_F(DaemonControlTest, LocalizeOnlyKeepsTheMap) {
   std::string text = configuration("localize_only = true\n");
   text.erase(text.find("map_out"), text.find('\n', text.find("map_out")) - text.find("map_out"));
   start(text);
-  expectRefused({"reset"}, "with slam.localize_only the map stays as it is");
-  expectRefused({"save-map"}, "with slam.localize_only no map is written");
+  expectRejected({"reset"}, "with slam.localize_only the map stays as it is");
+  expectRejected({"save-map"}, "with slam.localize_only no map is written");
   EXPECT_EQ(printed({"load-map"}).find(map_.string()), 0U);
   EXPECT_TRUE(eventually([&] { return status()["status"] == "tracking"; }));
   EXPECT_EQ(readFile(map_), before);
@@ -192,7 +192,7 @@ TEST_F(DaemonControlTest, ReloadAppliesWhatItCanAndSaysWhatItCannot) {
   EXPECT_EQ(status()["log_level"], "error");
   EXPECT_TRUE(reaches("configuration.reloads", 1));
   EXPECT_TRUE(reaches("configuration.reload_failures", 1));
-  expectRefused({"reload"}, "queue.colour: unknown key");
+  expectRejected({"reload"}, "queue.colour: unknown key");
 }
 
 }  // namespace

@@ -176,8 +176,8 @@ class HostileClient {
     for (char& c : text) c = static_cast<char>(rng_() % 256);
     return text;
   }
-  void hold(unsigned most_ms) {
-    const auto until = std::chrono::steady_clock::now() + milliseconds(rng_() % most_ms);
+  void hold(unsigned max_ms) {
+    const auto until = std::chrono::steady_clock::now() + milliseconds(rng_() % max_ms);
     while (!stop_ && std::chrono::steady_clock::now() < until) {
       std::this_thread::sleep_for(milliseconds(5));
     }

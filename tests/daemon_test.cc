@@ -186,7 +186,7 @@ TEST_F(DaemonTest, WithoutARouteItLivesSaysSoOnceAndPublishesWhenThereIsOne) {
 // One line on stderr that holds `reason`, and exit code 2.
 class DaemonBadInputTest : public DaemonTest {
  protected:
-  void expectRefused(const std::string& configuration, const std::string& reason) {
+  void expectRejected(const std::string& configuration, const std::string& reason) {
     SCOPED_TRACE(configuration);
     Process daemon(command(configuration), stderrFile());
     EXPECT_EQ(daemon.wait(milliseconds(20'000)), 2);
@@ -199,19 +199,19 @@ class DaemonBadInputTest : public DaemonTest {
 TEST_F(DaemonBadInputTest, IsOneLineWithThePlaceAndExitCodeTwo) {
   const std::string camera = cameraSection(20.0);
   writeImages(2);
-  expectRefused("[camera\nsource = 1\n", "waymarkd.toml:1:");
-  expectRefused(camera + "colour = 1\n" + kSlam, "waymarkd.toml:5:1: camera.colour: unknown key");
-  expectRefused(camera + kSlam + "[queue]\ndepth = \"4\"\n",
-                "waymarkd.toml:9:9: queue.depth: must be a whole number");
-  expectRefused(camera + "[slam]\ndictionary = \"4X4_50\"\nmarker_size_m = \"big\"\n",
-                "waymarkd.toml:7:17: slam.marker_size_m: must be a number");
-  expectRefused(camera + "[slam]\ndictionary = \"5X5\"\nmarker_size_m = 1\n",
-                "\"5X5\" is not a known dictionary");
-  expectRefused("[camera]\nsource = \"images\"\ncalibration = \"none.yml\"\n" + kSlam, "none.yml");
-  expectRefused("[camera]\nsource = \"none.avi\"\ncalibration = \"calib.yml\"\n" + kSlam,
-                "none.avi: no such file");
-  expectRefused("[camera]\nsource = \"calib.yml\"\ncalibration = \"calib.yml\"\n" + kSlam,
-                "calib.yml");
+  expectRejected("[camera\nsource = 1\n", "waymarkd.toml:1:");
+  expectRejected(camera + "colour = 1\n" + kSlam, "waymarkd.toml:5:1: camera.colour: unknown key");
+  expectRejected(camera + kSlam + "[queue]\ndepth = \"4\"\n",
+                 "waymarkd.toml:9:9: queue.depth: must be a whole number");
+  expectRejected(camera + "[slam]\ndictionary = \"4X4_50\"\nmarker_size_m = \"big\"\n",
+                 "waymarkd.toml:7:17: slam.marker_size_m: must be a number");
+  expectRejected(camera + "[slam]\ndictionary = \"5X5\"\nmarker_size_m = 1\n",
+                 "\"5X5\" is not a known dictionary");
+  expectRejected("[camera]\nsource = \"images\"\ncalibration = \"none.yml\"\n" + kSlam, "none.yml");
+  expectRejected("[camera]\nsource = \"none.avi\"\ncalibration = \"calib.yml\"\n" + kSlam,
+                 "none.avi: no such file");
+  expectRejected("[camera]\nsource = \"calib.yml\"\ncalibration = \"calib.yml\"\n" + kSlam,
+                 "calib.yml");
 }
 
 TEST_F(DaemonBadInputTest, ACalibrationForAnotherResolution) {
@@ -219,8 +219,8 @@ TEST_F(DaemonBadInputTest, ACalibrationForAnotherResolution) {
   std::string calibration = kCalibration;
   calibration.replace(calibration.find("64"), 2, "65");
   write("calib.yml", calibration);
-  expectRefused(cameraSection(20.0) + kSlam + publishSection(),
-                "the pictures are 64x48, but the calibration is for 65x48");
+  expectRejected(cameraSection(20.0) + kSlam + publishSection(),
+                 "the pictures are 64x48, but the calibration is for 65x48");
 }
 
 TEST_F(DaemonBadInputTest, BadUsage) {

@@ -102,7 +102,7 @@ TEST_F(MapLife, GoesOnWithAnOldMap) {
   EXPECT_EQ(localized(path("b")), 60);
 }
 
-TEST_F(MapLife, LocalisesAndChangesNothing) {
+TEST_F(MapLife, LocalizesAndChangesNothing) {
   ASSERT_EQ(run("left", "a").exit_code, 0);
   const std::string before = readFile(path("a/map.json"));
   const ProgramResult result =
@@ -113,7 +113,7 @@ TEST_F(MapLife, LocalisesAndChangesNothing) {
   EXPECT_GT(localized(path("b")), 40);
 }
 
-TEST_F(MapLife, AnyCameraLocalises) {
+TEST_F(MapLife, AnyCameraLocalizes) {
   ASSERT_EQ(run("left", "a").exit_code, 0);
   slam::Calibration other = calibration_;
   other.fx = other.fy = 700.0;
@@ -121,13 +121,13 @@ TEST_F(MapLife, AnyCameraLocalises) {
   testing::recordWall(wall_, other, -3.0, 0.3, path("zoomed"));
   const std::vector<std::string> with_other = {"--calibration", path("other.yml"), "--map-in",
                                                path("a/map.json")};
-  const auto runZoomed = [&](const std::string& out, bool localise_only) {
+  const auto runZoomed = [&](const std::string& out, bool localize_only) {
     std::vector<std::string> arguments = {"run",           path("zoomed/detections.csv"),
                                           "--dictionary",  "4X4_50",
                                           "--marker-size", "0.2",
                                           "--out",         path(out)};
     arguments.insert(arguments.end(), with_other.begin(), with_other.end());
-    if (localise_only) arguments.push_back("--localize-only");
+    if (localize_only) arguments.push_back("--localize-only");
     return waymark(arguments);
   };
   expectBadInput(runZoomed("b", false), "map.json: camera: is another one, or badly calibrated");
@@ -243,9 +243,9 @@ TEST_F(MapLife, OtherProgramsMaps) {
       EXPECT_LT((marker.T_w_m->p - map.find(id)->T_w_m->p).norm(), 1e-9);
       EXPECT_LT((marker.T_w_m->R - map.find(id)->T_w_m->R).norm(), 1e-9);
     }
-    const ProgramResult localised =
+    const ProgramResult localized =
         run("left", "in_" + format, {"--map-in", path(format + ".json"), "--localize-only"});
-    EXPECT_EQ(localised.exit_code, 0) << localised.err;
+    EXPECT_EQ(localized.exit_code, 0) << localized.err;
     EXPECT_EQ(localized(path("in_" + format)), 60);
     const ProgramResult grown = run("right", "on_" + format, {"--map-in", path(format + ".json")});
     EXPECT_EQ(grown.exit_code, 0) << grown.err;
@@ -280,7 +280,7 @@ TEST_F(MapLife, Merge) {
       waymark({"map", "merge", path("a/map.json"), path("b/map.json"), path("both.json")});
   ASSERT_EQ(result.exit_code, 0) << result.err;
   EXPECT_NE(result.out.find("shared markers agree"), std::string::npos) << result.out;
-  EXPECT_NE(result.out.find("optimised: "), std::string::npos);
+  EXPECT_NE(result.out.find("optimized: "), std::string::npos);
   const slam::Map both = readMap("both.json").map;
   EXPECT_EQ(io::posedMarkerCorners(both).size(), 48U);
   EXPECT_EQ(both.keyframes().size(), readMap("a/map.json").map.keyframes().size() +

@@ -20,10 +20,10 @@
 #include <opencv2/imgcodecs.hpp>
 #include <opencv2/imgproc.hpp>
 
-#include "capture/log_source.h"
-#include "capture/recorded_image.h"
 #include "capture/eventlog/log_reader.h"
 #include "capture/eventlog/log_writer.h"
+#include "capture/log_source.h"
+#include "capture/recorded_image.h"
 #include "io/calibrations/calibration_file.h"
 #include "io/trajectory.h"
 #include "slam/slam.h"
@@ -215,12 +215,12 @@ TEST_F(RecordingTest, GivesTheSamePosesAgain) {
   ASSERT_EQ(run.exit_code, 0) << run.err;
   const auto written = io::readTrajectory(directory_ / "out" / "trajectory.tum");
   ASSERT_TRUE(written);
-  std::vector<pose_t> localised = all.poses;
-  std::erase_if(localised, [](const pose_t& pose) { return pose.source == pose_t::SOURCE_NONE; });
-  ASSERT_EQ(written->size(), localised.size());
-  for (std::size_t i = 0; i < localised.size(); ++i) {
-    EXPECT_EQ((*written)[i].time_ns, localised[i].monotonic_ns);
-    EXPECT_NEAR((*written)[i].T_w_c.p.x(), localised[i].p_w_c[0], 1e-6);
+  std::vector<pose_t> localized = all.poses;
+  std::erase_if(localized, [](const pose_t& pose) { return pose.source == pose_t::SOURCE_NONE; });
+  ASSERT_EQ(written->size(), localized.size());
+  for (std::size_t i = 0; i < localized.size(); ++i) {
+    EXPECT_EQ((*written)[i].time_ns, localized[i].monotonic_ns);
+    EXPECT_NEAR((*written)[i].T_w_c.p.x(), localized[i].p_w_c[0], 1e-6);
   }
 }
 

@@ -285,7 +285,7 @@ TEST_F(WaymarkTool, SavedDetectionsReplayAsTheImages) {
                "--limit", detections, "--calibration", file("walk", "calib.yml"), "--json"});
   ASSERT_EQ(eval.exit_code, 0) << eval.err;
   const nlohmann::json errors = nlohmann::json::parse(eval.out);
-  EXPECT_EQ(errors["in_view"]["localised"], errors["in_view"]["frames"]);
+  EXPECT_EQ(errors["in_view"]["localized"], errors["in_view"]["frames"]);
   EXPECT_GT(errors["in_view"]["frames"].get<int>(), 70);
   EXPECT_EQ(errors["limit"]["frames"], 80);
   EXPECT_LT(errors["limit"]["corner_rms_px"].get<double>(), 0.1);

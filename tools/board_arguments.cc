@@ -4,9 +4,9 @@
 
 #include <CLI/CLI.hpp>
 
-#include "io/text/number_text.h"
 #include "io/settings/settings_file.h"
 #include "io/settings/slam_settings.h"
+#include "io/text/number_text.h"
 #include "io/text/text_file.h"
 
 namespace waymark::tools {
@@ -17,7 +17,7 @@ using calibration::BoardOptions;
 
 Result<BoardOptions> readBoardFile(const std::filesystem::path& file) {
   using namespace io;
-  constexpr int kMostIds = 1'000'000;
+  constexpr int kMaxIds = 1'000'000;
   const Result<std::string> text = readTextFile(file);
   if (!text) return text.error();
   BoardOptions options;
@@ -29,8 +29,8 @@ Result<BoardOptions> readBoardFile(const std::filesystem::path& file) {
       required(integerSetting("board.rows", options.rows, 1, 1000)),
       required(numberSetting("board.square_size_m", options.square_size_m, 1e-4, 100.0, "m")),
       required(numberSetting("board.marker_size_m", options.marker_size_m, 1e-4, 100.0, "m")),
-      required(textSetting("board.dictionary", options.dictionary, objectToDictionary)),
-      integerSetting("board.first_id", options.first_id, 0, kMostIds),
+      required(textSetting("board.dictionary", options.dictionary, validateDictionary)),
+      integerSetting("board.first_id", options.first_id, 0, kMaxIds),
   };
   if (const Status read = readSettings(*text, file, settings); !read) return read.error();
   return options;
@@ -78,7 +78,7 @@ Result<BoardOptions> boardOptions(const BoardArguments& arguments) {
   options.marker_size_m = arguments.marker_size_m.value_or(options.marker_size_m);
   options.first_id = arguments.first_id.value_or(options.first_id);
   if (!arguments.dictionary.empty()) {
-    if (const auto objection = io::objectToDictionary(arguments.dictionary)) {
+    if (const auto objection = io::validateDictionary(arguments.dictionary)) {
       return Error{"--dictionary: " + *objection};
     }
     options.dictionary = arguments.dictionary;

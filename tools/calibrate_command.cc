@@ -15,16 +15,16 @@
 #include <CLI/CLI.hpp>
 
 #include "base/clock.h"
-#include "tools/calibration/board.h"
-#include "tools/calibration/calibrator.h"
-#include "tools/calibration/view_collector.h"
 #include "capture/open_source.h"
 #include "daemon/control/stop_signal.h"
 #include "io/maps/marker_corners.h"
-#include "io/text/number_text.h"
 #include "io/settings/slam_settings.h"
+#include "io/text/number_text.h"
 #include "io/text/text_file.h"
 #include "tools/board_arguments.h"
+#include "tools/calibration/board.h"
+#include "tools/calibration/calibrator.h"
+#include "tools/calibration/view_collector.h"
 #include "tools/calibration_output.h"
 #include "tools/exit_code.h"
 #include "tools/progress_bar.h"
@@ -56,7 +56,7 @@ Result<NamedBoard> boardOfLayout(const BoardArguments& arguments) {
     return Error{"--board " + arguments.board + ": says itself where its markers are"};
   }
   if (arguments.dictionary.empty()) return Error{"--dictionary is required with a layout"};
-  if (const auto objection = io::objectToDictionary(arguments.dictionary)) {
+  if (const auto objection = io::validateDictionary(arguments.dictionary)) {
     return Error{"--dictionary: " + *objection};
   }
   const auto corners = io::readMarkerCorners(arguments.board);

@@ -9,10 +9,10 @@
 #include <opencv2/imgcodecs.hpp>
 
 #include "base/image_view.h"
-#include "tools/calibration/report_picture.h"
 #include "io/calibrations/calibration_file.h"
-#include "io/text/number_text.h"
 #include "io/calibrations/ros_calibration.h"
+#include "io/text/number_text.h"
+#include "tools/calibration/report_picture.h"
 
 namespace waymark::tools {
 namespace {
@@ -107,7 +107,7 @@ std::string calibrationText(const CalibrationRun& run, const CalibrationReport& 
   text += "rms " + io::fixed(solution.rms_px, 3) + " px, covers " +
           io::fixed(100.0 * report.coverage.share(), 0) + " % of the picture\n";
   text += "a point is predicted to " + io::fixed(report.mean_projection_sigma_px, 3) +
-          " px in the mean, " + io::fixed(report.worst_projection_sigma_px, 3) + " px at (" +
+          " px in the mean, " + io::fixed(report.max_projection_sigma_px, 3) + " px at (" +
           io::fixed(report.worst_projection_at.x(), 0) + ", " +
           io::fixed(report.worst_projection_at.y(), 0) + ")\n";
   if (report.left_out_points > 0) {
@@ -137,7 +137,7 @@ std::string calibrationJson(const CalibrationRun& run, const CalibrationReport& 
   json["coverage"] = report.coverage.share();
   json["projection_sigma_px"] = {
       {"mean", report.mean_projection_sigma_px},
-      {"worst", report.worst_projection_sigma_px},
+      {"worst", report.max_projection_sigma_px},
       {"worst_at", {report.worst_projection_at.x(), report.worst_projection_at.y()}}};
   json["regions"] = regionsJson(report);
   json["views"] = viewsJson(report);

@@ -3,8 +3,8 @@
 
 #include <string>
 
-#include "tools/calibration/calibrator.h"
 #include "io/text/text_file.h"
+#include "tools/calibration/calibrator.h"
 
 namespace waymark::tools {
 

@@ -77,8 +77,8 @@ ExitCode printCameras() {
     std::printf("%s\n", describe(others[i], i).c_str());
   }
   if (list.cameras.empty() && others.empty()) std::printf("There is no camera.\n");
-  for (const std::string& refused : list.refused) {
-    std::fprintf(stderr, "waymark: not used: %s\n", refused.c_str());
+  for (const std::string& rejected : list.rejected) {
+    std::fprintf(stderr, "waymark: not used: %s\n", rejected.c_str());
   }
   return kDone;
 }

@@ -55,7 +55,7 @@ ExitCode ask(const CtlOptions& options, const Json& request) {
   if (!reply->at("ok").get<bool>()) {
     const std::string reason = reply->value("error", "the daemon refuses, and does not say why");
     std::fprintf(stderr, "waymark ctl: %s\n", io::oneLine(reason).c_str());
-    return kRefused;
+    return kRejected;
   }
   print(request, *reply);
   return kDone;
@@ -84,7 +84,7 @@ void addCtlCommand(CLI::App& app, int* exit_code) {
   };
   const auto none = [](Json*) {};
   add("status", "Print how the daemon is doing, as JSON", none);
-  add("save-map", "Optimise the map and write it to slam.map_out", none);
+  add("save-map", "Optimize the map and write it to slam.map_out", none);
   add("load-map", "Go on with another map", [options](Json* request) {
     // The daemon has a working directory of its own.
     if (!options->file.empty()) {

@@ -12,9 +12,9 @@
 
 #include "base/clock.h"
 #include "daemon/configuration.h"
-#include "daemon/publish/lcm_link.h"
-#include "daemon/health/status_name.h"
 #include "daemon/control/stop_signal.h"
+#include "daemon/health/status_name.h"
+#include "daemon/publish/lcm_link.h"
 #include "io/maps/map_file.h"
 #include "io/maps/map_picture.h"
 #include "io/trajectory.h"

@@ -37,7 +37,7 @@ void add(const MapErrors& map, Json* json) {
 Json toJson(const AccuracyLimit& limit) {
   return {{"frames", limit.frames},
           {"views", limit.views},
-          {"gross_views", limit.gross_views},
+          {"gross_views", limit.outlier_views},
           {"markers", limit.map.common},
           {"corner_rms_px", limit.corner_rms_px},
           {"ate_m", toJson(limit.trajectory.ate_m)},
@@ -72,8 +72,8 @@ std::string text(const TrajectoryErrors& t) {
 }
 
 std::string text(const ViewCoverage& coverage) {
-  return "in view of a mapped marker: " + std::to_string(coverage.localised) + " of " +
-         std::to_string(coverage.frames) + " frames localised (" +
+  return "in view of a mapped marker: " + std::to_string(coverage.localized) + " of " +
+         std::to_string(coverage.frames) + " frames localized (" +
          io::fixed(100.0 * coverage.share(), 1) + " %)\n";
 }
 
@@ -93,7 +93,7 @@ std::string limitText(const Evaluation& evaluation) {
   std::string text = "limit from " + std::to_string(limit.frames) + " frames, " +
                      std::to_string(limit.views) + " views of " + std::to_string(limit.map.common) +
                      " markers; corners " + io::fixed(limit.corner_rms_px, 3) +
-                     " px RMS from the truth, " + std::to_string(limit.gross_views) +
+                     " px RMS from the truth, " + std::to_string(limit.outlier_views) +
                      " gross views left out\n";
   text += statisticsText("ATE", limit.trajectory.ate_m);
   text += statisticsText("ACE", limit.map.ace_m);
@@ -123,7 +123,7 @@ std::string jsonText(const Evaluation& evaluation) {
   if (evaluation.trajectory) add(*evaluation.trajectory, &json);
   if (evaluation.coverage) {
     json["in_view"] = {{"frames", evaluation.coverage->frames},
-                       {"localised", evaluation.coverage->localised},
+                       {"localized", evaluation.coverage->localized},
                        {"share", evaluation.coverage->share()}};
   }
   if (evaluation.map) add(*evaluation.map, &json);

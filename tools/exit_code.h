@@ -6,7 +6,7 @@ namespace waymark::tools {
 enum ExitCode {
   kDone = 0,
   kInternalError = 1,
-  kRefused = 1,   // `waymark ctl`: the daemon said no, and why
+  kRejected = 1,  // `waymark ctl`: the daemon said no, and why
   kBadInput = 2,  // bad usage too; one line on stderr says what is wrong and where
   kNoPose = 3,    // ran, but never found a pose
 };

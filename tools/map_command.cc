@@ -12,14 +12,14 @@
 
 #include "io/maps/aruco_map.h"
 #include "io/maps/map_file.h"
-#include "io/text/number_text.h"
 #include "io/maps/ply_map.h"
 #include "io/maps/posed_markers.h"
-#include "io/settings/slam_settings.h"
 #include "io/maps/tagslam_map.h"
+#include "io/maps/wpilib_map.h"
+#include "io/settings/slam_settings.h"
+#include "io/text/number_text.h"
 #include "io/text/text_file.h"
 #include "io/trajectory.h"
-#include "io/maps/wpilib_map.h"
 #include "slam/options.h"
 #include "tools/exit_code.h"
 #include "tools/maps/map_info.h"
@@ -101,7 +101,7 @@ Result<io::PosedMarkers> imported(const ImportArguments& arguments) {
 // What the file does not say comes from the command line; both may say it, but not two things.
 Status complete(const ImportArguments& arguments, io::PosedMarkers* markers) {
   if (!arguments.dictionary.empty()) {
-    if (const auto objection = io::objectToDictionary(arguments.dictionary)) {
+    if (const auto objection = io::validateDictionary(arguments.dictionary)) {
       return Error{"--dictionary: " + *objection};
     }
     if (!markers->dictionary.empty() && markers->dictionary != arguments.dictionary) {
@@ -148,11 +148,11 @@ std::string mergeText(const std::string& file, const MergeReport& report) {
   return text;
 }
 
-std::string optimise(io::MapFile* merged) {
+std::string optimize(io::MapFile* merged) {
   const std::string before = io::fixed(reprojectionFit(*merged).rms_px, 3);
   const slam::Options options;
-  (void)slam::optimiseGlobally(&merged->map, options.markers, options.global_optimisation);
-  return "optimised: " + before + " px rms before, " +
+  (void)slam::optimizeGlobally(&merged->map, options.markers, options.global_optimization);
+  return "optimized: " + before + " px rms before, " +
          io::fixed(reprojectionFit(*merged).rms_px, 3) + " px after\n";
 }
 
@@ -169,7 +169,7 @@ Outcome merge(const MergeArguments& arguments) {
     if (!report) return Error{name + ": " + report.error().message};
     text += mergeText(name, *report);
   }
-  if (!arguments.no_global && !merged->map.keyframes().empty()) text += optimise(&*merged);
+  if (!arguments.no_global && !merged->map.keyframes().empty()) text += optimize(&*merged);
   const Status written = io::writeTextFile(
       arguments.files.back(), io::formatMap(merged->map, merged->camera, merged->readout_s));
   if (!written) return written.error();
@@ -245,7 +245,7 @@ void addMerge(CLI::App& map, int* exit_code) {
                    "Shared markers that must agree")
       ->capture_default_str()
       ->check(CLI::Range(2, 1'000'000));
-  command->add_flag("--no-global", arguments->no_global, "No optimisation of the merged map");
+  command->add_flag("--no-global", arguments->no_global, "No optimization of the merged map");
   onCall(command, arguments, merge, exit_code);
 }
 

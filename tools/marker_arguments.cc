@@ -12,7 +12,7 @@ namespace {
 
 Status takeDictionary(const MarkerArguments& arguments, io::SlamSettings* settings) {
   if (arguments.dictionary.empty()) return success();
-  if (const auto objection = io::objectToDictionary(arguments.dictionary)) {
+  if (const auto objection = io::validateDictionary(arguments.dictionary)) {
     return Error{"--dictionary: " + *objection};
   }
   settings->dictionary = arguments.dictionary;

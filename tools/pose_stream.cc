@@ -57,7 +57,7 @@ std::string PoseStream::summary(const std::string& prefix) const {
   std::snprintf(rate, sizeof rate, "rate: %.2f Hz over %.2f s\n",
                 seconds > 0.0 ? (frames - 1.0) / seconds : 0.0, seconds);
   char share[96];
-  std::snprintf(share, sizeof share, "localised: %s of %s frames (%.2f %%)\n",
+  std::snprintf(share, sizeof share, "localized: %s of %s frames (%.2f %%)\n",
                 count(localized_).c_str(), count(frames_).c_str(),
                 frames_ > 0 ? 100.0 * static_cast<double>(localized_) / frames : 0.0);
 

@@ -32,7 +32,7 @@ TEST(PoseStream, CountsGapsRateAndLatency) {
   EXPECT_EQ(stream.missing(), 2);
   EXPECT_EQ(stream.summary("# "),
             "# messages: 5, missing frames: 2, restarts: 0, malformed: 1\n"
-            "# localised: 3 of 4 frames (75.00 %)\n"
+            "# localized: 3 of 4 frames (75.00 %)\n"
             "# rate: 60.00 Hz over 0.05 s\n"
             "# capture to publication: median 2.006 ms, p99 2.010 ms, max 2.010 ms\n"
             "# capture to receipt (same computer): median 3.000 ms, p99 3.000 ms, max 3.000 ms\n");

@@ -12,10 +12,10 @@
 #include "io/settings/marker_ids.h"
 #include "io/settings/slam_settings.h"
 #include "io/text/text_file.h"
-#include "tools/printing/board_sheet.h"
-#include "tools/printing/marker_sheets.h"
 #include "tools/board_arguments.h"
 #include "tools/exit_code.h"
+#include "tools/printing/board_sheet.h"
+#include "tools/printing/marker_sheets.h"
 
 namespace waymark::tools {
 namespace {
@@ -72,7 +72,7 @@ Result<std::vector<int>> idsOf(const std::string& text, const slam::Dictionary& 
 
 Outcome printMarkers(const MarkerSheetArguments& arguments) {
   if (arguments.dictionary.empty()) return Error{"--dictionary is required"};
-  if (const auto objection = io::objectToDictionary(arguments.dictionary)) {
+  if (const auto objection = io::validateDictionary(arguments.dictionary)) {
     return Error{"--dictionary: " + *objection};
   }
   if (arguments.ids.empty()) return Error{"--ids is required"};

@@ -14,13 +14,13 @@
 
 #include "base/clock.h"
 #include "capture/open_source.h"
+#include "daemon/configuration.h"
+#include "daemon/control/stop_signal.h"
 #include "daemon/frames/camera_status.h"
 #include "daemon/frames/capture_loop.h"
-#include "daemon/configuration.h"
-#include "daemon/system/log.h"
 #include "daemon/record/recorder.h"
 #include "daemon/record/recorder_setup.h"
-#include "daemon/control/stop_signal.h"
+#include "daemon/system/log.h"
 #include "io/calibrations/calibration_file.h"
 #include "io/text/number_text.h"
 #include "io/text/text_file.h"
@@ -80,7 +80,7 @@ Result<std::vector<RecordedFile>> recordedFiles(
 // Counters by name.
 std::map<std::string, std::uint64_t> countersOf(const daemon::Recorder& recorder) {
   std::map<std::string, std::uint64_t> all;
-  recorder.tellCounters([&](const char* name, std::uint64_t value) { all[name] = value; });
+  recorder.reportCounters([&](const char* name, std::uint64_t value) { all[name] = value; });
   return all;
 }
 
@@ -142,17 +142,17 @@ Result<ExitCode> record(const RecordArguments& arguments) {
                                 return *first ? std::move(*first) : (*opener)();
                               },
                               .comes_back = capture::isCamera(arguments.source),
-                              .device_came = capture::watchForCameras(arguments.source)},
+                              .device_came = capture::monitorHotplug(arguments.source)},
                              frames, status, log);
   camera.setTap([&](const capture::Frame& frame) { recorder.addFrame(frame); });
 
   std::thread recorder_thread([&] { recorder.run(); });
   std::thread camera_thread([&] { camera.run(); });
   // Also while there are no frames, somebody looks at the clock and for signals.
-  std::jthread nudger([&](const std::stop_token& token) {
+  std::jthread waker([&](const std::stop_token& token) {
     while (!token.stop_requested()) {
       std::this_thread::sleep_for(std::chrono::milliseconds(50));
-      frames.nudge();
+      frames.wake();
     }
   });
   drain(frames, arguments, stop, recorder, &camera);

@@ -18,10 +18,10 @@
 #include "io/calibrations/calibration_file.h"
 #include "io/maps/map_file.h"
 #include "io/maps/map_picture.h"
-#include "io/text/number_text.h"
 #include "io/maps/old_map.h"
 #include "io/recorded_detections.h"
 #include "io/settings/slam_settings.h"
+#include "io/text/number_text.h"
 #include "io/text/text_file.h"
 #include "slam/slam.h"
 #include "tools/exit_code.h"
@@ -72,7 +72,7 @@ Result<std::optional<io::OldMap>> oldMap(const RunArguments& arguments,
   const io::OldMapUse use{.dictionary = settings.dictionary,
                           .markers = settings.options.markers,
                           .camera = camera,
-                          .localise_only = settings.map.localise_only};
+                          .localize_only = settings.map.localize_only};
   Result<io::OldMap> old = arguments.map_in.empty()
                                ? io::parseOldMap(recorded->content, recorded->name, use)
                                : io::readOldMap(arguments.map_in, use);
@@ -123,8 +123,8 @@ Result<RunSetup> prepare(const RunArguments& arguments) {
                                           : slamSettings(arguments.markers);
   if (!settings) return settings.error();
   // The configuration's own files are not there any more, or are not what they were.
-  settings->map.localise_only =
-      arguments.localize_only || (as_recorded && settings->map.localise_only);
+  settings->map.localize_only =
+      arguments.localize_only || (as_recorded && settings->map.localize_only);
   if (!as_recorded) recorded->map.reset();
   const Result<slam::Calibration> calibration = calibrationOf(arguments, *recorded);
   if (!calibration) return calibration.error();
@@ -155,8 +155,8 @@ Result<RunSetup> prepare(const RunArguments& arguments) {
                  std::move(output),
                  std::move(detections).value(),
                  std::move(old_map).value()};
-  setup.options.mapping = !settings->map.localise_only;
-  if (setup.input->photographs()) setup.options.takePhotographs();
+  setup.options.mapping = !settings->map.localize_only;
+  if (setup.input->unorderedImages()) setup.options.treatAsUnorderedImages();
   if (setup.old_map) io::agreeOnReadout(&*setup.old_map, &setup.options);
   return setup;
 }
@@ -187,11 +187,11 @@ Status processAll(RunInput& input, slam::Slam& slam, StageTimer& timer, bool sho
 // Photographs come in no order: one that could not be placed may find its place when more of the
 // map is known, and what it shows may place others.
 void tryAgain(const RunRecord& record, slam::Slam* slam) {
-  std::vector<slam::PastFrame> left = record.framesWithoutPose();
+  std::vector<slam::RecordedFrame> left = record.framesWithoutPose();
   std::size_t before = 0;
   do {
     before = left.size();
-    std::erase_if(left, [&](const slam::PastFrame& frame) {
+    std::erase_if(left, [&](const slam::RecordedFrame& frame) {
       const slam::FrameTime time{frame.sequence, frame.monotonic_ns};
       return slam->processDetections(frame.detections, time).pose.has_value();
     });
@@ -199,7 +199,7 @@ void tryAgain(const RunRecord& record, slam::Slam* slam) {
 }
 
 // Section 4.10, as far as wanted.
-void optimiseGlobally(const RunArguments& arguments, slam::Slam* slam, RunRecord* record) {
+void optimizeGlobally(const RunArguments& arguments, slam::Slam* slam, RunRecord* record) {
   slam->finish();
   if (arguments.no_global) return;
   // More are hardly better: neighbouring frames see the same.
@@ -209,17 +209,17 @@ void optimiseGlobally(const RunArguments& arguments, slam::Slam* slam, RunRecord
   // What did not fit the map as it was live may fit the better one.
   constexpr int kRounds = 2;
   for (int round = 0; round < kRounds; ++round) {
-    slam->addViews(record->spreadFrames(kViews, kViewsPerMarker));
+    slam->densify(record->spreadFrames(kViews, kViewsPerMarker));
     if (arguments.refine_intrinsics) {
-      slam->optimiseGloballyWithIntrinsics();
+      slam->optimizeGloballyWithIntrinsics();
       record->undistortAgain(slam->camera());
     } else {
-      slam->optimiseGlobally();
+      slam->optimizeGlobally();
     }
   }
 }
 
-// A map that was only localised in stays what it was, byte for byte.
+// A map that was only localized in stays what it was, byte for byte.
 std::string mapText(const slam::Slam& slam, const RunSetup& setup) {
   if (!setup.options.mapping) return setup.old_map->text;
   return io::formatMap(slam.map(), slam.camera().calibration(), slam.readout_s());
@@ -282,13 +282,13 @@ Result<ExitCode> run(const RunArguments& arguments) {
   if (const std::string damage = setup.input->damage(); !damage.empty()) {
     std::fprintf(stderr, "waymark: warning: %s\n", damage.c_str());
   }
-  if (setup.input->photographs()) tryAgain(record, &slam);
+  if (setup.input->unorderedImages()) tryAgain(record, &slam);
   if (setup.detections) {
     const Status written =
         writeDetections(arguments.save_detections, record, setup.camera, *setup.detections);
     if (!written) return written.error();
   }
-  optimiseGlobally(arguments, &slam, &record);
+  optimizeGlobally(arguments, &slam, &record);
   if (setup.output) {
     const Status written =
         writeOutputs(slam, record.statistics(slam, timer, setup.input->droppedLate()), record,
@@ -355,10 +355,10 @@ void addRunCommand(CLI::App& app, int* exit_code) {
       ->check(CLI::PositiveNumber);
   CLI::Option* no_global =
       command->add_flag("--no-global", arguments->no_global,
-                        "Leave the map as it was live: no optimisation at the end");
+                        "Leave the map as it was live: no optimization at the end");
   command
       ->add_flag("--refine-intrinsics", arguments->refine_intrinsics,
-                 "Let the optimisation at the end improve the calibration too, and write it as "
+                 "Let the optimization at the end improve the calibration too, and write it as "
                  "calib.yml")
       ->excludes(no_global)
       ->excludes(localize_only);

@@ -45,7 +45,7 @@ class FrameInput final : public RunInput {
   [[nodiscard]] const std::string& description() const override {
     return source_->info().description;
   }
-  [[nodiscard]] bool photographs() const override { return source_->info().photographs; }
+  [[nodiscard]] bool unorderedImages() const override { return source_->info().photographs; }
   [[nodiscard]] std::string damage() const override { return source_->damage(); }
   [[nodiscard]] bool endless() const override {
     return source_->info().live && source_->info().frame_count < 0;

@@ -40,7 +40,7 @@ class RunInput {
   [[nodiscard]] virtual const std::string& description() const = 0;
   [[nodiscard]] virtual std::optional<std::int64_t> frameCount() const = 0;
   // Images of unknown times: one need not look like the one before.
-  [[nodiscard]] virtual bool photographs() const { return false; }
+  [[nodiscard]] virtual bool unorderedImages() const { return false; }
   // Frames come as a camera takes them, until somebody stops it.
   [[nodiscard]] virtual bool endless() const { return false; }
   // What of a recording could not be read; empty when all could.

@@ -116,9 +116,9 @@ std::vector<bool> RunRecord::spread(std::size_t count, std::size_t views_per_mar
   return chosen;
 }
 
-std::vector<slam::PastFrame> RunRecord::spreadFrames(std::size_t count,
-                                                     std::size_t views_per_marker) const {
-  std::vector<slam::PastFrame> frames;
+std::vector<slam::RecordedFrame> RunRecord::spreadFrames(std::size_t count,
+                                                         std::size_t views_per_marker) const {
+  std::vector<slam::RecordedFrame> frames;
   std::optional<slam::PoseEstimate> near = firstPose();
   if (!near) return frames;
   const std::vector<bool> chosen = spread(count, views_per_marker);
@@ -132,8 +132,8 @@ std::vector<slam::PastFrame> RunRecord::spreadFrames(std::size_t count,
   return frames;
 }
 
-std::vector<slam::PastFrame> RunRecord::framesWithoutPose() const {
-  std::vector<slam::PastFrame> frames;
+std::vector<slam::RecordedFrame> RunRecord::framesWithoutPose() const {
+  std::vector<slam::RecordedFrame> frames;
   for (std::size_t i = 0; i < frames_.size(); ++i) {
     const FrameRecord& frame = frames_[i];
     if (!frame.pose)

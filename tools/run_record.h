@@ -35,14 +35,14 @@ class RunRecord {
   [[nodiscard]] io::Trajectory liveTrajectory() const;
   // Every frame's pose against the map as it is now.
   [[nodiscard]] io::Trajectory finalTrajectory(const slam::Slam& slam) const;
-  // For the optimisation at the end: `count` frames, evenly spread, and more of those that show a
+  // For the optimization at the end: `count` frames, evenly spread, and more of those that show a
   // marker with fewer than `views_per_marker` among them. One that had no pose live comes with the
   // pose of the last one before it that had (or, in front of the first, of that). They point into
   // this record. Empty when no frame had a pose.
-  [[nodiscard]] std::vector<slam::PastFrame> spreadFrames(std::size_t count,
-                                                          std::size_t views_per_marker) const;
+  [[nodiscard]] std::vector<slam::RecordedFrame> spreadFrames(std::size_t count,
+                                                              std::size_t views_per_marker) const;
   // Those that had no pose live, in their order; T_w_c says nothing. They point into this record.
-  [[nodiscard]] std::vector<slam::PastFrame> framesWithoutPose() const;
+  [[nodiscard]] std::vector<slam::RecordedFrame> framesWithoutPose() const;
   // Every frame's detections, for replaying them.
   [[nodiscard]] std::vector<io::RecordedFrame> recordedFrames() const;
   // stats.json of the interface.

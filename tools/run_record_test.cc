@@ -27,9 +27,9 @@ RunRecord walk(const std::set<int>& with_marker_2, const std::set<int>& lost) {
   return record;
 }
 
-std::set<int> numbersOf(const std::vector<slam::PastFrame>& frames) {
+std::set<int> numbersOf(const std::vector<slam::RecordedFrame>& frames) {
   std::set<int> numbers;
-  for (const slam::PastFrame& frame : frames) {
+  for (const slam::RecordedFrame& frame : frames) {
     numbers.insert(static_cast<int>(frame.sequence));
   }
   return numbers;

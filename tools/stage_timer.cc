@@ -15,13 +15,13 @@ namespace {
 constexpr std::array<const char*, 3> kStageNames = {"detect", "track", "map"};
 
 nlohmann::ordered_json toJson(const std::vector<double>& times_ms) {
-  const TimeSummary s = summarise(times_ms);
+  const TimeSummary s = summarize(times_ms);
   return {{"mean", s.mean}, {"median", s.median}, {"p99", s.p99}, {"p999", s.p999}, {"max", s.max}};
 }
 
 }  // namespace
 
-TimeSummary summarise(std::vector<double> times) {
+TimeSummary summarize(std::vector<double> times) {
   if (times.empty()) return {};
   std::sort(times.begin(), times.end());
   const std::span<const double> sorted(times);

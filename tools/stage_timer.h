@@ -19,7 +19,7 @@ struct TimeSummary {
   double max = 0.0;
 };
 // Percentiles by nearest rank: each is a time that was measured. Zeros for an empty list.
-[[nodiscard]] TimeSummary summarise(std::vector<double> times);
+[[nodiscard]] TimeSummary summarize(std::vector<double> times);
 
 class StageTimer final : public slam::StageObserver {
  public:

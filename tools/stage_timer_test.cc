@@ -9,10 +9,10 @@
 namespace waymark::tools {
 namespace {
 
-TEST(Summarise, PercentilesAreMeasuredTimesByNearestRank) {
+TEST(Summarize, PercentilesAreMeasuredTimesByNearestRank) {
   std::vector<double> times;
   for (int i = 1000; i >= 1; --i) times.push_back(i);  // any order
-  const TimeSummary s = summarise(times);
+  const TimeSummary s = summarize(times);
   EXPECT_DOUBLE_EQ(s.mean, 500.5);
   EXPECT_DOUBLE_EQ(s.median, 500.0);
   EXPECT_DOUBLE_EQ(s.p99, 990.0);
@@ -20,13 +20,13 @@ TEST(Summarise, PercentilesAreMeasuredTimesByNearestRank) {
   EXPECT_DOUBLE_EQ(s.max, 1000.0);
 }
 
-TEST(Summarise, ShortLists) {
-  EXPECT_EQ(summarise({}).max, 0.0);
-  const TimeSummary one = summarise({7.0});
+TEST(Summarize, ShortLists) {
+  EXPECT_EQ(summarize({}).max, 0.0);
+  const TimeSummary one = summarize({7.0});
   EXPECT_EQ(one.median, 7.0);
   EXPECT_EQ(one.p999, 7.0);
-  EXPECT_EQ(summarise({2.0, 1.0}).median, 1.0);
-  EXPECT_EQ(summarise({2.0, 1.0}).p99, 2.0);
+  EXPECT_EQ(summarize({2.0, 1.0}).median, 1.0);
+  EXPECT_EQ(summarize({2.0, 1.0}).p99, 2.0);
 }
 
 TEST(StageTimer, AddsUpWithinAFrameAndCountsAbsenceAsZero) {

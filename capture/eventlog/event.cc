@@ -10,7 +10,7 @@ bool readHeader(std::span<const std::uint8_t> bytes, Header* header) {
   header->channel_bytes = readBigEndian(bytes.subspan(20, 4));
   header->data_bytes = readBigEndian(bytes.subspan(24, 4));
   return header->number >= 0 && header->channel_bytes > 0 &&
-         header->channel_bytes <= kMostChannelBytes && header->data_bytes <= kMostDataBytes;
+         header->channel_bytes <= kMaxChannelBytes && header->data_bytes <= kMaxDataBytes;
 }
 
 void writeHeader(const Header& header, std::span<std::uint8_t> out) {

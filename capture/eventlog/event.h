@@ -22,8 +22,8 @@ struct Event {
 inline constexpr std::uint32_t kSyncWord = 0xEDA1DA01;
 inline constexpr std::size_t kHeaderBytes = 28;
 // LCM's own limit for names; for data there is none, but nothing sensible is longer.
-inline constexpr std::size_t kMostChannelBytes = 63;
-inline constexpr std::size_t kMostDataBytes = std::size_t{256} << 20U;
+inline constexpr std::size_t kMaxChannelBytes = 63;
+inline constexpr std::size_t kMaxDataBytes = std::size_t{256} << 20U;
 
 struct Header {
   std::int64_t number = 0;

@@ -67,7 +67,7 @@ Result<std::optional<Event>> LogReader::next() {
 // Plausible: a header with possible lengths, that end within the file, and a name of printable
 // characters.
 Result<std::optional<Header>> LogReader::headerAt(std::uint64_t offset) {
-  const auto read = bytes(offset, kHeaderBytes + kMostChannelBytes);
+  const auto read = bytes(offset, kHeaderBytes + kMaxChannelBytes);
   if (!read) return read.error();
   Header header;
   if (read->size() < kHeaderBytes || !readHeader(*read, &header)) return std::optional<Header>();

@@ -25,7 +25,7 @@ class LogWriter {
 
   // Adds an event; whole blocks go to the system at once. After an error the file ends with its
   // last whole event, and nothing more can be added. Precondition: channel of 1 to
-  // kMostChannelBytes characters, data of at most kMostDataBytes.
+  // kMaxChannelBytes characters, data of at most kMaxDataBytes.
   [[nodiscard]] Status append(std::int64_t utime, std::string_view channel,
                               std::span<const std::uint8_t> data);
 

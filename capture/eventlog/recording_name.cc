@@ -38,7 +38,7 @@ std::filesystem::path nextFile(const std::filesystem::path& file) {
   const std::string_view digits = stem.substr(stem.size() - kDigits);
   if (!std::ranges::all_of(digits, isDigit) || stem[stem.size() - kDigits - 1] != '-') return {};
   const int next = std::stoi(std::string(digits)) + 1;
-  if (next >= kMostFiles) return {};
+  if (next >= kMaxFiles) return {};
   const std::string recording(stem.substr(0, stem.size() - kDigits - 1));
   return file.parent_path() / fileName(recording, next);
 }

@@ -9,12 +9,12 @@
 namespace waymark::eventlog {
 
 inline constexpr const char* kExtension = ".lcmlog";
-inline constexpr int kMostFiles = 10'000;  // of one recording
+inline constexpr int kMaxFiles = 10'000;  // of one recording
 
 // utime: when the recording began, microseconds since 1970. Without the file's number.
 [[nodiscard]] std::string recordingName(const std::string& prefix, std::int64_t utime);
 
-// number: from 0, less than kMostFiles.
+// number: from 0, less than kMaxFiles.
 [[nodiscard]] std::string fileName(const std::string& recording, int number);
 
 // The file with which the recording goes on after this one, whether or not it is there. Empty for

@@ -100,13 +100,13 @@ Status RollingLog::begin(std::int64_t utime, std::int64_t monotonic_ns) {
   checkDisk(monotonic_ns);
   if (state() == State::kPaused) return Error{reason_};
   makeRoom();
-  if (recording_.empty() || number_ == kMostFiles) {
+  if (recording_.empty() || number_ == kMaxFiles) {
     recording_ = recordingName(options_.prefix, utime);
     number_ = 0;
   }
   Error error;
   // A number that is taken is one of another recording that began at this moment.
-  for (; number_ < kMostFiles; ++number_) {
+  for (; number_ < kMaxFiles; ++number_) {
     const fs::path file = options_.directory / fileName(recording_, number_);
     Result<LogWriter> created = LogWriter::create(file);
     if (created) {

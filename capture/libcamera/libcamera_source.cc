@@ -36,7 +36,7 @@ namespace {
 using std::chrono::microseconds;
 using std::chrono::nanoseconds;
 
-constexpr std::size_t kMostBuffers = 64;
+constexpr std::size_t kMaxBuffers = 64;
 // Frames that come back while we wait are given to the camera this often.
 constexpr microseconds kScarcePause{1000};
 
@@ -135,7 +135,7 @@ class LibcameraSource final : public FrameSource {
   std::vector<bool> shown_;  // buffers whose frames may still be held
   int with_camera_ = 0;      // requests
   bool running_ = false;
-  moodycamel::BlockingReaderWriterCircularBuffer<libcamera::Request*> completed_{kMostBuffers};
+  moodycamel::BlockingReaderWriterCircularBuffer<libcamera::Request*> completed_{kMaxBuffers};
   std::atomic<bool> disconnected_{false};
   std::optional<FrameMaker> maker_;
   WallClock wall_clock_;
@@ -198,7 +198,7 @@ Status LibcameraSource::allocate() {
   libcamera::Stream* const stream = configured.stream();
   if (const int code = allocator_.allocate(stream); code < 0) return error("allocating", code);
   const auto& buffers = allocator_.buffers(stream);
-  if (buffers.size() > kMostBuffers) return error("too many buffers", -EINVAL);
+  if (buffers.size() > kMaxBuffers) return error("too many buffers", -EINVAL);
   for (std::size_t i = 0; i < buffers.size(); ++i) {
     if (Status mapped = mappings_.add(*buffers[i]); !mapped) return mapped;
     std::unique_ptr<libcamera::Request> request = camera_->createRequest(i);

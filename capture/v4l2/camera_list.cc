@@ -51,7 +51,7 @@ void addDevice(udev_device* device, CameraList* list) {
   if (path == nullptr || !std::string_view(path).starts_with("/dev/video")) return;
   const Result<Device> opened = Device::open(path);
   if (!opened) {
-    list->refused.push_back(opened.error().message);
+    list->rejected.push_back(opened.error().message);
     return;
   }
   list->cameras.push_back(

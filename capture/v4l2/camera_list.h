@@ -21,8 +21,8 @@ struct Camera {
 };
 
 struct CameraList {
-  std::vector<Camera> cameras;       // in the order of their paths' numbers
-  std::vector<std::string> refused;  // video devices that could not be asked, with the reason
+  std::vector<Camera> cameras;        // in the order of their paths' numbers
+  std::vector<std::string> rejected;  // video devices that could not be asked, with the reason
 };
 [[nodiscard]] CameraList listCameras();
 

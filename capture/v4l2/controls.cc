@@ -149,7 +149,7 @@ std::string valueText(const Control& control, std::int64_t value) {
 struct Wish {
   const Control* control;
   std::int64_t value;
-  std::string refusal;  // the driver's, if so
+  std::string rejection;  // the driver's, if so
 };
 
 const Control* find(const std::vector<Control>& controls, std::uint32_t id) {
@@ -202,7 +202,7 @@ void wishForControl(const std::vector<Control>& controls, const std::string& nam
 
 void set(const Device& device, Wish* wish) {
   ControlArgument argument(*wish->control, wish->value);
-  if (device.call(VIDIOC_S_EXT_CTRLS, &argument.list) != 0) wish->refusal = systemReason();
+  if (device.call(VIDIOC_S_EXT_CTRLS, &argument.list) != 0) wish->rejection = systemReason();
 }
 
 }  // namespace
@@ -277,10 +277,10 @@ std::vector<std::string> applyControls(const Device& device, const CameraOptions
   for (const Wish& wish : wishes) {
     const Control& control = *wish.control;
     const std::optional<std::int64_t> now = readControl(device, control);
-    if (now == wish.value && wish.refusal.empty()) continue;
+    if (now == wish.value && wish.rejection.empty()) continue;
     std::string line = control.name + ": asked for " + valueText(control, wish.value) + ", it is " +
                        (now ? valueText(control, *now) : "unknown");
-    if (!wish.refusal.empty()) line += " (" + wish.refusal + ")";
+    if (!wish.rejection.empty()) line += " (" + wish.rejection + ")";
     different.push_back(std::move(line));
   }
   return different;

@@ -15,7 +15,7 @@ namespace waymark::capture::v4l2 {
 namespace {
 
 // A driver that never comes to an end of its list is broken.
-constexpr std::uint32_t kMostEntries = 256;
+constexpr std::uint32_t kMaxEntries = 256;
 
 // Fields of fixed length that need not end in a zero.
 template <std::size_t size>
@@ -104,7 +104,7 @@ Error Device::error(const std::string& what) const {
 
 std::vector<OfferedMode> Device::modes() const {
   std::vector<OfferedMode> all;
-  for (std::uint32_t i = 0; i < kMostEntries; ++i) {
+  for (std::uint32_t i = 0; i < kMaxEntries; ++i) {
     v4l2_fmtdesc format{};
     format.index = i;
     format.type = buffer_type_;
@@ -116,7 +116,7 @@ std::vector<OfferedMode> Device::modes() const {
 
 std::vector<OfferedMode> Device::sizes(std::uint32_t fourcc) const {
   std::vector<OfferedMode> all;
-  for (std::uint32_t i = 0; i < kMostEntries; ++i) {
+  for (std::uint32_t i = 0; i < kMaxEntries; ++i) {
     v4l2_frmsizeenum size{};
     size.index = i;
     size.pixel_format = fourcc;
@@ -146,7 +146,7 @@ OfferedMode Device::currentSize(std::uint32_t fourcc) const {
 
 std::vector<double> Device::rates(std::uint32_t fourcc, int width, int height) const {
   std::vector<double> all;
-  for (std::uint32_t i = 0; i < kMostEntries; ++i) {
+  for (std::uint32_t i = 0; i < kMaxEntries; ++i) {
     v4l2_frmivalenum interval{};
     interval.index = i;
     interval.pixel_format = fourcc;

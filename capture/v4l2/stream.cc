@@ -18,7 +18,7 @@
 namespace waymark::capture::v4l2 {
 namespace {
 
-constexpr int kFewestBuffers = 2;
+constexpr int kMinBuffers = 2;
 
 // A buffer as the ioctls pass it; with several planes, their descriptions lie beside it.
 struct BufferArgument {
@@ -156,7 +156,7 @@ Status Stream::requestBuffers(int count) {
     return error;
   }
   const int got = static_cast<int>(request.count);
-  if (got < kFewestBuffers) {
+  if (got < kMinBuffers) {
     return Error{device_->path() + ": the driver gives only " + std::to_string(got) + " buffers"};
   }
   mapped_.resize(static_cast<std::size_t>(got));

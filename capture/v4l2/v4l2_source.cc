@@ -213,7 +213,7 @@ Result<std::unique_ptr<FrameSource>> V4l2Opener::open() {
   if (!camera) {
     // The one that is meant may be among those that we may not open.
     std::string message = camera.error().message;
-    for (const std::string& refused : list.refused) message += "; " + refused;
+    for (const std::string& rejected : list.rejected) message += "; " + rejected;
     return Error{std::move(message)};
   }
   Result<Device> device = Device::open(camera->path);

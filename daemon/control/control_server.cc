@@ -143,7 +143,7 @@ void ControlServer::acceptClients(std::int64_t now_ns) {
       admit(std::move(socket), now_ns);
     } else {
       sendAtOnce(socket.get(), errorLine(kFull));
-      counters_.refused_clients.fetch_add(1, std::memory_order_relaxed);
+      counters_.rejected_clients.fetch_add(1, std::memory_order_relaxed);
     }
   }
   if (!has(listener_.get(), POLLIN)) crowded_since_ns_.reset();
@@ -204,10 +204,10 @@ bool ControlServer::takeRequest(ClientId id, Client* client, std::int64_t now_ns
     if (!receive(client)) return false;
     end = client->in.find('\n');
   }
-  if (std::min(end, client->in.size()) > options_.max_line_bytes) return refuse(kTooLong, *client);
+  if (std::min(end, client->in.size()) > options_.max_line_bytes) return reject(kTooLong, *client);
   if (end == std::string::npos) {
     if (!client->ended) return true;
-    return client->in.empty() ? false : refuse(kNoNewline, *client);
+    return client->in.empty() ? false : reject(kNoNewline, *client);
   }
   const std::string request = client->in.substr(0, end);
   client->in.erase(0, end + 1);
@@ -233,7 +233,7 @@ bool ControlServer::receive(Client* client) {
   return true;
 }
 
-bool ControlServer::refuse(const char* error, const Client& client) {
+bool ControlServer::reject(const char* error, const Client& client) {
   counters_.requests.fetch_add(1, std::memory_order_relaxed);
   counters_.bad_requests.fetch_add(1, std::memory_order_relaxed);
   sendAtOnce(client.socket.get(), errorLine(error));
@@ -269,10 +269,10 @@ void ControlServer::watch(const Client& client) const {
   if (listens && more) ::eventfd_write(again_.get(), 1);
 }
 
-void ControlServer::tellCounters(const CounterSink& sink) const {
+void ControlServer::reportCounters(const CounterSink& sink) const {
   sink("control.requests", counters_.requests.load(std::memory_order_relaxed));
   sink("control.bad_requests", counters_.bad_requests.load(std::memory_order_relaxed));
-  sink("control.refused_clients", counters_.refused_clients.load(std::memory_order_relaxed));
+  sink("control.refused_clients", counters_.rejected_clients.load(std::memory_order_relaxed));
   sink("control.dropped_clients", counters_.dropped_clients.load(std::memory_order_relaxed));
 }
 

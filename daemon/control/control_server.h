@@ -32,7 +32,7 @@ class ControlServer {
     // been for so long. Shorter serves more newcomers a second, longer leaves a slow client more
     // time for its request.
     std::int64_t grace_ns = 100'000'000;
-    // Newcomers that wait for a place for so long, because all clients are busy, are refused.
+    // Newcomers that wait for a place for so long, because all clients are busy, are rejected.
     std::int64_t patience_ns = 500'000'000;
   };
 
@@ -68,7 +68,7 @@ class ControlServer {
   void answer(ClientId client, const std::string& line, std::int64_t now_ns);
 
   // Any thread. Names begin with "control.".
-  void tellCounters(const CounterSink& sink) const;
+  void reportCounters(const CounterSink& sink) const;
 
  private:
   struct Client {
@@ -82,8 +82,8 @@ class ControlServer {
   struct Counters {
     std::atomic<std::uint64_t> requests{0};
     std::atomic<std::uint64_t> bad_requests{0};
-    std::atomic<std::uint64_t> refused_clients{0};  // all places were taken by busy ones
-    std::atomic<std::uint64_t> dropped_clients{0};  // idle, or made place for another
+    std::atomic<std::uint64_t> rejected_clients{0};  // all places were taken by busy ones
+    std::atomic<std::uint64_t> dropped_clients{0};   // idle, or made place for another
   };
 
   ControlServer(std::filesystem::path path, UniqueFd listener, const Options& options);
@@ -98,7 +98,7 @@ class ControlServer {
   [[nodiscard]] bool takeRequest(ClientId id, Client* client, std::int64_t now_ns);
   [[nodiscard]] static bool receive(Client* client);
   [[nodiscard]] static bool send(Client* client);
-  [[nodiscard]] bool refuse(const char* error, const Client& client);
+  [[nodiscard]] bool reject(const char* error, const Client& client);
   void watch(const Client& client) const;
 
   const std::filesystem::path path_;

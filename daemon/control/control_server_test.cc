@@ -75,7 +75,7 @@ class ControlServerTest : public ::testing::Test {
   }
   std::map<std::string, std::uint64_t> counters() const {
     std::map<std::string, std::uint64_t> all;
-    server_->tellCounters([&](const char* name, std::uint64_t value) { all[name] = value; });
+    server_->reportCounters([&](const char* name, std::uint64_t value) { all[name] = value; });
     return all;
   }
   std::string openError() const {
@@ -154,9 +154,9 @@ TEST_F(ControlServerTest, RequestsThatAreTooLongOrNotFinished) {
   half.finish();
   serve();
   EXPECT_EQ(just_right.received(), "re " + std::string(100, 'x') + "\n");
-  const std::string refusal = "{\"ok\":false,\"error\":\"the request is too long\"}\n<end>";
-  EXPECT_EQ(too_long.received(), refusal);
-  EXPECT_EQ(endless.received(), refusal);
+  const std::string rejection = "{\"ok\":false,\"error\":\"the request is too long\"}\n<end>";
+  EXPECT_EQ(too_long.received(), rejection);
+  EXPECT_EQ(endless.received(), rejection);
   EXPECT_EQ(half.received(),
             "{\"ok\":false,\"error\":\"the request does not end with a newline\"}\n<end>");
   EXPECT_EQ(requests_.size(), 1U);
@@ -238,7 +238,7 @@ TEST_F(ControlServerTest, ANewcomerGetsThePlaceOfTheIdlest) {
   EXPECT_EQ(clients[2]->received(), "");
 }
 
-TEST_F(ControlServerTest, WhenAllWaitForTheDaemonANewcomerIsRefused) {
+TEST_F(ControlServerTest, WhenAllWaitForTheDaemonANewcomerIsRejected) {
   open({.max_clients = 2});
   const TestClient a(path_);
   const TestClient b(path_);
@@ -253,7 +253,7 @@ TEST_F(ControlServerTest, WhenAllWaitForTheDaemonANewcomerIsRefused) {
   EXPECT_EQ(counters()["control.refused_clients"], 1U);
 }
 
-TEST_F(ControlServerTest, WhenAllAreBusyForLongANewcomerIsRefused) {
+TEST_F(ControlServerTest, WhenAllAreBusyForLongANewcomerIsRejected) {
   open({.max_clients = 1});
   const TestClient busy(path_);
   const TestClient newcomer(path_);

@@ -211,7 +211,7 @@ Json Controller::recorderStatus() const {
       {"state", recorderStateName(report.state)}, {"reason", report.reason}, {"file", report.file}};
 }
 
-void Controller::tellCounters(const CounterSink& sink) const {
+void Controller::reportCounters(const CounterSink& sink) const {
   sink("configuration.reloads", reloads_.load(std::memory_order_relaxed));
   sink("configuration.reload_failures", reload_failures_.load(std::memory_order_relaxed));
 }

@@ -16,15 +16,15 @@
 #include "daemon/configuration.h"
 #include "daemon/control/control_request.h"
 #include "daemon/control/control_server.h"
+#include "daemon/frames/slam_loop.h"
 #include "daemon/health/counter_source.h"
-#include "daemon/system/log.h"
 #include "daemon/maps/map_worker.h"
 #include "daemon/publish/publisher.h"
 #include "daemon/record/recorder.h"
+#include "daemon/system/log.h"
 #include "daemon/system/service_manager.h"
-#include "daemon/frames/slam_loop.h"
-#include "io/text/json_node.h"
 #include "io/settings/settings_file.h"
+#include "io/text/json_node.h"
 #include <waymark/health_t.hpp>
 
 namespace waymark::daemon {
@@ -57,7 +57,7 @@ class Controller {
   void setHealth(const health_t& health) { health_ = health; }
 
   // Any thread. Names begin with "configuration.".
-  void tellCounters(const CounterSink& sink) const;
+  void reportCounters(const CounterSink& sink) const;
 
  private:
   struct Reloaded {

@@ -76,7 +76,7 @@ struct PictureSize {
 };
 
 // A recording is opened once to look at it, so that a wrong path or size is found before anything
-// starts. A camera may be plugged in later: it will be asked for this size, or refused.
+// starts. A camera may be plugged in later: it will be asked for this size, or rejected.
 Result<PictureSize> pictureSize(const std::string& source, const capture::CameraOptions& asked,
                                 capture::Opener& open) {
   if (capture::isCamera(source)) return PictureSize{asked.width, asked.height, source};
@@ -106,7 +106,7 @@ Result<CameraSetup> prepareSource(const Configuration::Camera& camera, bool keep
   };
   if (capture::isCamera(camera.source)) {
     setup.opener.comes_back = true;
-    setup.opener.device_came = capture::watchForCameras(camera.source);
+    setup.opener.device_came = capture::monitorHotplug(camera.source);
   }
   return setup;
 }

@@ -4,8 +4,8 @@
 #include <string>
 
 #include "base/result.h"
-#include "daemon/frames/capture_loop.h"
 #include "daemon/configuration.h"
+#include "daemon/frames/capture_loop.h"
 #include "slam/geometry/camera_model.h"
 
 namespace waymark::daemon {
@@ -13,7 +13,7 @@ namespace waymark::daemon {
 struct CameraSetup {
   slam::Calibration calibration;   // for pictures as they come
   std::string calibration_change;  // what was done to the file's for that; usually nothing
-  SourceOpener opener;  // refuses a source whose pictures have another size than the calibration
+  SourceOpener opener;  // rejects a source whose pictures have another size than the calibration
 };
 
 // Reads what can be read before opening anything. A camera need not be there yet.

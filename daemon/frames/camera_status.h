@@ -66,8 +66,8 @@ class CameraStatus {
   void setRate(double rate_hz) { rate_hz_.store(rate_hz, std::memory_order_relaxed); }
   [[nodiscard]] double rateHz() const { return rate_hz_.load(std::memory_order_relaxed); }
   // Of the options, how much is not as it was asked for.
-  void setRefused(std::uint64_t count) { refused_.store(count, std::memory_order_relaxed); }
-  [[nodiscard]] std::uint64_t refused() const { return refused_.load(std::memory_order_relaxed); }
+  void setRejected(std::uint64_t count) { rejected_.store(count, std::memory_order_relaxed); }
+  [[nodiscard]] std::uint64_t rejected() const { return rejected_.load(std::memory_order_relaxed); }
 
  private:
   mutable std::mutex mutex_;
@@ -76,7 +76,7 @@ class CameraStatus {
   std::array<std::atomic<std::uint64_t>, capture::kSourceCounters.size()> counters_{};
   std::atomic<std::uint64_t> reopened_{0};
   std::atomic<std::uint64_t> silences_{0};
-  std::atomic<std::uint64_t> refused_{0};
+  std::atomic<std::uint64_t> rejected_{0};
   std::atomic<double> rate_hz_{0.0};
 };
 

@@ -42,7 +42,7 @@ Status CaptureLoop::open() {
   log_.info("camera: " + source_->info().description);
   for (const std::string& warning : source_->info().warnings) log_.warning("camera: " + warning);
   status_.setRate(source_->info().rate_hz);
-  status_.setRefused(source_->info().warnings.size());
+  status_.setRejected(source_->info().warnings.size());
   status_.report(CameraState::kRunning, "");
   return success();
 }
@@ -119,7 +119,7 @@ void CaptureLoop::discardSource() {
 
 void CaptureLoop::pause() {
   const auto until = steady_clock::now() + pause_;
-  pause_ = std::min(2 * pause_, options_.longest_pause);
+  pause_ = std::min(2 * pause_, options_.max_pause);
   while (!stopped() && steady_clock::now() < until) {
     std::this_thread::sleep_for(std::min(pause_, milliseconds(20)));
     if (opener_.device_came && opener_.device_came()) {

@@ -11,8 +11,8 @@
 #include "base/result.h"
 #include "capture/frame_source.h"
 #include "daemon/frames/camera_status.h"
-#include "daemon/system/log.h"
 #include "daemon/frames/newest_wins_queue.h"
+#include "daemon/system/log.h"
 
 namespace waymark::daemon {
 
@@ -32,7 +32,7 @@ class CaptureLoop {
     std::chrono::milliseconds read_timeout{100};  // how soon a stop is noticed
     std::chrono::milliseconds silence{2000};      // a device silent for so long has failed
     std::chrono::milliseconds first_pause{100};   // before opening again; doubles up to
-    std::chrono::milliseconds longest_pause{5000};
+    std::chrono::milliseconds max_pause{5000};
   };
 
   CaptureLoop(SourceOpener opener, FrameQueue& frames, CameraStatus& status, const Log& log,

@@ -71,7 +71,7 @@ SourceOpener scripts(std::deque<std::deque<Step>> list, bool comes_back) {
 constexpr CaptureLoop::Options kQuick{.read_timeout = milliseconds(2),
                                       .silence = milliseconds(20),
                                       .first_pause = milliseconds(1),
-                                      .longest_pause = milliseconds(4)};
+                                      .max_pause = milliseconds(4)};
 
 class CaptureLoopTest : public testing::Test {
  protected:
@@ -151,7 +151,7 @@ TEST_F(CaptureLoopTest, ADeviceThatComesEndsThePause) {
   std::atomic<bool> came{false};
   opener.device_came = [&] { return came.exchange(false); };
   CaptureLoop loop(opener, frames_, status_, log_,
-                   {.first_pause = milliseconds(60'000), .longest_pause = milliseconds(60'000)});
+                   {.first_pause = milliseconds(60'000), .max_pause = milliseconds(60'000)});
   std::thread consumer([this] { consume(); });
   std::thread capture([&] { loop.run(); });
   while (status_.latest().state != CameraState::kLost) std::this_thread::yield();
@@ -175,7 +175,7 @@ TEST_F(CaptureLoopTest, ACameraThatFallsSilentIsCounted) {
 
 TEST_F(CaptureLoopTest, StopsWhileTheCameraIsAway) {
   CaptureLoop loop(scripts({{Step::kFrame, Step::kError}}, true), frames_, status_, log_,
-                   {.first_pause = milliseconds(60'000), .longest_pause = milliseconds(60'000)});
+                   {.first_pause = milliseconds(60'000), .max_pause = milliseconds(60'000)});
   std::thread consumer([this] { consume(); });
   std::thread capture([&] { loop.run(); });
   while (status_.latest().state != CameraState::kLost) std::this_thread::yield();

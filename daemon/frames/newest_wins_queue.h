@@ -47,13 +47,13 @@ class NewestWinsQueue {
     }
     slot(write).store(item.release(), std::memory_order_relaxed);
     write_.store(write + 1, std::memory_order_release);
-    wake();
+    notify();
   }
 
   // Producer: no more will come. The consumer gets what is waiting, then null.
   void close() {
     closed_.store(true, std::memory_order_release);
-    wake();
+    notify();
   }
 
   // Producer: nothing waits and the consumer holds nothing it popped. Then, and only then, may the
@@ -65,16 +65,16 @@ class NewestWinsQueue {
   }
 
   // Consumer: the oldest waiting item; waits for one. Null when there is none and the queue is
-  // closed, or somebody nudges. Precondition: the item popped before has been let go.
+  // closed, or somebody wakes. Precondition: the item popped before has been let go.
   [[nodiscard]] Pointer pop() {
     for (;;) {
       const std::uint32_t seen = signal_.load(std::memory_order_acquire);
       const bool closed = closed_.load(std::memory_order_acquire);
-      const bool nudged = nudged_.exchange(false, std::memory_order_acq_rel);
+      const bool woken = woken_.exchange(false, std::memory_order_acq_rel);
       consumer_busy_.store(true, std::memory_order_relaxed);
       if (Pointer item = take()) return item;
       consumer_busy_.store(false, std::memory_order_release);
-      if (closed || nudged) return nullptr;
+      if (closed || woken) return nullptr;
       signal_.wait(seen, std::memory_order_acquire);
     }
   }
@@ -86,9 +86,9 @@ class NewestWinsQueue {
   }
 
   // Any thread: lets a consumer that waits look around, and see what else there is to do.
-  void nudge() {
-    nudged_.store(true, std::memory_order_release);
-    wake();
+  void wake() {
+    woken_.store(true, std::memory_order_release);
+    notify();
   }
   [[nodiscard]] std::uint64_t pushed() const { return write_.load(std::memory_order_relaxed); }
   [[nodiscard]] std::uint64_t dropped() const { return dropped_.load(std::memory_order_relaxed); }
@@ -114,7 +114,7 @@ class NewestWinsQueue {
     return nullptr;
   }
 
-  void wake() {
+  void notify() {
     signal_.fetch_add(1, std::memory_order_release);
     signal_.notify_one();
   }
@@ -126,7 +126,7 @@ class NewestWinsQueue {
   std::atomic<std::uint64_t> dropped_{0};
   std::atomic<std::uint32_t> signal_{0};
   std::atomic<bool> closed_{false};
-  std::atomic<bool> nudged_{false};
+  std::atomic<bool> woken_{false};
   alignas(64) std::atomic<std::uint64_t> read_{0};
   std::atomic<bool> consumer_busy_{false};
 };

@@ -51,14 +51,14 @@ TEST(NewestWinsQueue, DropsTheOldestWhenFullAndGivesItBack) {
 TEST(NewestWinsQueue, ANudgeWakesAConsumerThatWaits) {
   FramePool pool(1, 1, 2);
   FrameQueue queue(2);
-  std::thread nudger([&] {
+  std::thread waker([&] {
     std::this_thread::sleep_for(std::chrono::milliseconds(20));
-    queue.nudge();
+    queue.wake();
   });
   EXPECT_EQ(queue.pop(), nullptr);
   EXPECT_FALSE(queue.finished());
-  nudger.join();
-  queue.nudge();
+  waker.join();
+  queue.wake();
   queue.push(numbered(pool, 1));
   EXPECT_EQ(queue.pop()->stamp().sequence, 1U) << "frames come first";
   queue.close();

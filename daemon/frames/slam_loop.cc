@@ -20,38 +20,38 @@ slam::Counters sum(const slam::Counters& a, const slam::Counters& b) {
 }  // namespace
 
 SlamLoop::SlamLoop(std::unique_ptr<slam::Slam> slam, FrameQueue& frames, const CameraStatus& camera,
-                   SlamErrands& errands, SlamOutput& output, const Options& options)
+                   SlamRequests& requests, SlamOutput& output, const Options& options)
     : slam_(std::move(slam)),
       frames_(frames),
       camera_(camera),
-      errands_(errands),
+      requests_(requests),
       output_(output),
       options_(options) {
   output_.alive_ns.store(monotonicNs(), std::memory_order_relaxed);
   const auto& markers = slam_->map().markers();
   const auto posed = std::ranges::count_if(
       markers, [](const auto& id_and_marker) { return id_and_marker.second.T_w_m.has_value(); });
-  tellMapSize(static_cast<std::size_t>(posed));
+  reportMapSize(static_cast<std::size_t>(posed));
 }
 
 void SlamLoop::run() {
   while (!frames_.finished()) {
     const capture::FramePtr frame = frames_.pop();
     output_.alive_ns.store(monotonicNs(), std::memory_order_relaxed);
-    if (errands_.pending()) serveErrand();
+    if (requests_.pending()) serveRequest();
     if (frame) process(*frame);
   }
-  errands_.close();
+  requests_.close();
   if (map_changed_) handOnMap(last_stamp_);
   output_.finished.store(true, std::memory_order_release);
 }
 
 // The counters of a SLAM that is replaced stay, so that those in health only grow; and subscribers
 // learn of the other map at once.
-void SlamLoop::serveErrand() {
+void SlamLoop::serveRequest() {
   const slam::Slam* const before = slam_.get();
   const slam::Counters counted = counters();
-  errands_.serve(slam_);
+  requests_.serve(slam_);
   if (slam_.get() == before) return;
   earlier_ = counted;
   countMapChange();
@@ -119,12 +119,12 @@ void SlamLoop::handOnMap(const capture::FrameStamp& stamp) {
   for (const auto& [id, marker] : map.markers()) {
     if (marker.T_w_m) snapshot.markers.push_back({id, marker.size_m, *marker.T_w_m});
   }
-  tellMapSize(snapshot.markers.size());
+  reportMapSize(snapshot.markers.size());
   output_.map.publish();
   map_changed_ = false;
 }
 
-void SlamLoop::tellMapSize(std::size_t posed_markers) {
+void SlamLoop::reportMapSize(std::size_t posed_markers) {
   output_.map_markers.store(static_cast<int>(posed_markers), std::memory_order_relaxed);
   output_.map_keyframes.store(static_cast<int>(slam_->map().keyframes().size()),
                               std::memory_order_relaxed);

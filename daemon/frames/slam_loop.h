@@ -12,7 +12,7 @@
 
 #include "daemon/frames/capture_loop.h"
 #include "daemon/frames/frame_record.h"
-#include "daemon/frames/slam_errands.h"
+#include "daemon/frames/slam_requests.h"
 #include "daemon/frames/stage_clock.h"
 #include "daemon/frames/triple_buffer.h"
 #include "slam/slam.h"
@@ -47,13 +47,13 @@ class SlamLoop {
   };
 
   SlamLoop(std::unique_ptr<slam::Slam> slam, FrameQueue& frames, const CameraStatus& camera,
-           SlamErrands& errands, SlamOutput& output, const Options& options);
+           SlamRequests& requests, SlamOutput& output, const Options& options);
   SlamLoop(std::unique_ptr<slam::Slam> slam, FrameQueue& frames, const CameraStatus& camera,
-           SlamErrands& errands, SlamOutput& output)
-      : SlamLoop(std::move(slam), frames, camera, errands, output, Options{}) {}
+           SlamRequests& requests, SlamOutput& output)
+      : SlamLoop(std::move(slam), frames, camera, requests, output, Options{}) {}
 
   // The thread's body. Returns when the queue is closed and empty. Comes round with every frame,
-  // and when the queue is nudged.
+  // and when the queue is woken.
   void run();
 
   // After run().
@@ -62,12 +62,12 @@ class SlamLoop {
   [[nodiscard]] slam::Counters counters() const;
 
  private:
-  void serveErrand();
+  void serveRequest();
   void process(const capture::Frame& frame);
   void record(const capture::FrameStamp& stamp, const slam::FrameResult& result,
               std::int64_t processing_ns);
   void countMapChange();
-  void tellMapSize(std::size_t posed_markers);
+  void reportMapSize(std::size_t posed_markers);
   [[nodiscard]] bool tookTooLong(std::int64_t processing_ns) const;
   void handOnMapWhenDue(const capture::FrameStamp& stamp);
   void handOnMap(const capture::FrameStamp& stamp);
@@ -76,7 +76,7 @@ class SlamLoop {
   slam::Counters earlier_;  // of the SLAMs before this one
   FrameQueue& frames_;
   const CameraStatus& camera_;
-  SlamErrands& errands_;
+  SlamRequests& requests_;
   SlamOutput& output_;
   const Options options_;
   StageClock clock_;

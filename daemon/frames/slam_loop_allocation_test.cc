@@ -9,8 +9,8 @@
 #include <gtest/gtest.h>
 
 #include "daemon/frames/camera_status.h"
-#include "daemon/frames/slam_errands.h"
 #include "daemon/frames/slam_loop.h"
+#include "daemon/frames/slam_requests.h"
 #include "simulator/live_source.h"
 #include "slam/testing/counting_new.h"
 
@@ -24,11 +24,11 @@ class Loop {
  public:
   Loop(simulator::LiveSimulatedSource& camera, slam::Options options, slam::Map map)
       : camera_(camera),
-        errands_(frames_),
+        requests_(frames_),
         slam_loop_(std::make_unique<slam::Slam>(slam::CameraModel(camera.camera()),
                                                 *slam::Dictionary::byName("ARUCO_MIP_36h12"),
                                                 options, std::move(map)),
-                   frames_, status_, errands_, output_),
+                   frames_, status_, requests_, output_),
         thread_([this] { slam_loop_.run(); }) {}
   ~Loop() { close(); }
   Loop(const Loop&) = delete;
@@ -36,20 +36,20 @@ class Loop {
 
   // Frames that got a pose.
   int feed(int frames) {
-    int localised = 0;
+    int localized = 0;
     FrameRecord record;
     for (int i = 0; i < frames; ++i) {
       capture::ReadResult read = camera_.read(std::chrono::seconds(2));
       if (auto* const frame = std::get_if<capture::FramePtr>(&read))
         frames_.push(std::move(*frame));
-      while (output_.records.try_dequeue(record)) localised += record.pose ? 1 : 0;
+      while (output_.records.try_dequeue(record)) localized += record.pose ? 1 : 0;
     }
-    return localised;
+    return localized;
   }
   // By the SLAM thread, up to now.
   int allocated() {
     int count = -1;
-    EXPECT_TRUE(errands_.run([&](auto&) { count = allocations; }));
+    EXPECT_TRUE(requests_.run([&](auto&) { count = allocations; }));
     return count;
   }
   slam::Map close() {
@@ -62,7 +62,7 @@ class Loop {
  private:
   simulator::LiveSimulatedSource& camera_;
   FrameQueue frames_{4};
-  SlamErrands errands_;
+  SlamRequests requests_;
   CameraStatus status_;
   SlamOutput output_;
   SlamLoop slam_loop_;
@@ -90,11 +90,11 @@ TEST(SlamLoopAllocation, SteadyTrackingTakesNone) {
     map = mapping.close();
   }
   slam_options.mapping = false;
-  Loop localising(**camera, slam_options, std::move(map));
-  EXPECT_GT(localising.feed(90), 45);
-  const int before = localising.allocated();
-  EXPECT_GT(localising.feed(120), 60);
-  EXPECT_EQ(localising.allocated(), before);
+  Loop localizing(**camera, slam_options, std::move(map));
+  EXPECT_GT(localizing.feed(90), 45);
+  const int before = localizing.allocated();
+  EXPECT_GT(localizing.feed(120), 60);
+  EXPECT_EQ(localizing.allocated(), before);
 }
 
 }  // namespace

@@ -19,19 +19,19 @@ bool isFault(std::string_view counter) {
 
 }  // namespace
 
-HealthJournal::News HealthJournal::news(const health_t& health) {
-  News news;
+HealthJournal::Changes HealthJournal::changes(const health_t& health) {
+  Changes changes;
   std::string state = describeState(health);
-  if (state != told_state_ && health.monotonic_ns >= next_state_ns_) {
-    news.state = state;
-    told_state_ = std::move(state);
+  if (state != reported_state_ && health.monotonic_ns >= next_state_ns_) {
+    changes.state = state;
+    reported_state_ = std::move(state);
     next_state_ns_ = health.monotonic_ns + options_.state_pause_ns;
   }
   if (health.monotonic_ns >= next_faults_ns_) {
-    news.faults = grownFaults(health);
-    if (!news.faults.empty()) next_faults_ns_ = health.monotonic_ns + options_.faults_pause_ns;
+    changes.faults = grownFaults(health);
+    if (!changes.faults.empty()) next_faults_ns_ = health.monotonic_ns + options_.faults_pause_ns;
   }
-  return news;
+  return changes;
 }
 
 std::string HealthJournal::describeState(const health_t& health) {
@@ -44,12 +44,12 @@ std::string HealthJournal::grownFaults(const health_t& health) {
   std::string text;
   for (const counter_t& counter : health.counters) {
     if (!isFault(counter.name)) continue;
-    std::int64_t& told = told_faults_[counter.name];
-    if (counter.value > told) {
+    std::int64_t& reported = reported_faults_[counter.name];
+    if (counter.value > reported) {
       text += (text.empty() ? "" : ", ") + counter.name + " +" +
-              std::to_string(counter.value - told) + " (" + std::to_string(counter.value) + ")";
+              std::to_string(counter.value - reported) + " (" + std::to_string(counter.value) + ")";
     }
-    told = counter.value;
+    reported = counter.value;
   }
   return text;
 }

@@ -19,7 +19,7 @@ class HealthJournal {
     std::int64_t faults_pause_ns = 10'000'000'000;
   };
 
-  struct News {
+  struct Changes {
     std::string state;   // empty: nothing new
     std::string faults;  // the counters that have grown, and by how much; empty: none has
   };
@@ -28,7 +28,7 @@ class HealthJournal {
   HealthJournal() : HealthJournal(Options{}) {}
 
   // To be called with each health message, whose monotonic_ns is the time.
-  [[nodiscard]] News news(const health_t& health);
+  [[nodiscard]] Changes changes(const health_t& health);
 
   // One line: "tracking", "relocalizing: no marker of the map is in view; camera lost: ...".
   [[nodiscard]] static std::string describeState(const health_t& health);
@@ -37,10 +37,10 @@ class HealthJournal {
   [[nodiscard]] std::string grownFaults(const health_t& health);
 
   const Options options_;
-  std::string told_state_;
+  std::string reported_state_;
   std::int64_t next_state_ns_ = 0;
   std::int64_t next_faults_ns_ = 0;
-  std::map<std::string, std::int64_t, std::less<>> told_faults_;
+  std::map<std::string, std::int64_t, std::less<>> reported_faults_;
 };
 
 }  // namespace waymark::daemon

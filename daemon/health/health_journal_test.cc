@@ -27,20 +27,20 @@ void count(health_t* health, const std::string& name, std::int64_t value) {
 
 TEST(HealthJournal, TellsAStateOnce) {
   HealthJournal journal;
-  EXPECT_EQ(journal.news(healthAt(1 * kSecond, pose_t::STATUS_TRACKING)).state, "tracking");
-  EXPECT_EQ(journal.news(healthAt(9 * kSecond, pose_t::STATUS_TRACKING)).state, "");
-  EXPECT_EQ(journal.news(healthAt(10 * kSecond, pose_t::STATUS_RELOCALIZING, "no marker")).state,
+  EXPECT_EQ(journal.changes(healthAt(1 * kSecond, pose_t::STATUS_TRACKING)).state, "tracking");
+  EXPECT_EQ(journal.changes(healthAt(9 * kSecond, pose_t::STATUS_TRACKING)).state, "");
+  EXPECT_EQ(journal.changes(healthAt(10 * kSecond, pose_t::STATUS_RELOCALIZING, "no marker")).state,
             "relocalizing: no marker");
 }
 
 TEST(HealthJournal, AFlickeringStateIsToldAsItEndsUp) {
   HealthJournal journal;
-  EXPECT_NE(journal.news(healthAt(0, pose_t::STATUS_TRACKING)).state, "");
-  EXPECT_EQ(journal.news(healthAt(kSecond / 4, pose_t::STATUS_RELOCALIZING)).state, "");
-  EXPECT_EQ(journal.news(healthAt(kSecond / 2, pose_t::STATUS_TRACKING)).state, "");
-  EXPECT_EQ(journal.news(healthAt(2 * kSecond, pose_t::STATUS_TRACKING)).state, "")
+  EXPECT_NE(journal.changes(healthAt(0, pose_t::STATUS_TRACKING)).state, "");
+  EXPECT_EQ(journal.changes(healthAt(kSecond / 4, pose_t::STATUS_RELOCALIZING)).state, "");
+  EXPECT_EQ(journal.changes(healthAt(kSecond / 2, pose_t::STATUS_TRACKING)).state, "");
+  EXPECT_EQ(journal.changes(healthAt(2 * kSecond, pose_t::STATUS_TRACKING)).state, "")
       << "as told before";
-  EXPECT_EQ(journal.news(healthAt(2 * kSecond + 1, pose_t::STATUS_NO_CAMERA, "gone")).state,
+  EXPECT_EQ(journal.changes(healthAt(2 * kSecond + 1, pose_t::STATUS_NO_CAMERA, "gone")).state,
             "no camera: gone");
 }
 
@@ -50,15 +50,15 @@ TEST(HealthJournal, FaultsAreToldByHowMuchTheyHaveGrown) {
   count(&health, "dropped.queue", 3);
   count(&health, "camera.frames", 100);
   count(&health, "deadline.missed", 0);
-  EXPECT_EQ(journal.news(health).faults, "dropped.queue +3 (3)");
+  EXPECT_EQ(journal.changes(health).faults, "dropped.queue +3 (3)");
   health.counters[0].value = 5;
   health.monotonic_ns = 1 * kSecond;
-  EXPECT_EQ(journal.news(health).faults, "") << "not so soon";
+  EXPECT_EQ(journal.changes(health).faults, "") << "not so soon";
   health.monotonic_ns = 10 * kSecond;
   health.counters[2].value = 1;
-  EXPECT_EQ(journal.news(health).faults, "dropped.queue +2 (5), deadline.missed +1 (1)");
+  EXPECT_EQ(journal.changes(health).faults, "dropped.queue +2 (5), deadline.missed +1 (1)");
   health.monotonic_ns = 30 * kSecond;
-  EXPECT_EQ(journal.news(health).faults, "");
+  EXPECT_EQ(journal.changes(health).faults, "");
 }
 
 }  // namespace

@@ -78,7 +78,7 @@ Result<StartMap> readOtherMap(const fs::path& file, const io::SlamSettings& sett
   Result<io::OldMap> old = io::readOldMap(file, {.dictionary = settings.dictionary,
                                                  .markers = settings.options.markers,
                                                  .camera = camera,
-                                                 .localise_only = settings.map.localise_only});
+                                                 .localize_only = settings.map.localize_only});
   if (!old) return old.error();
   io::agreeOnReadout(&*old, &start.options);
   start.warnings = std::move(old->warnings);
@@ -106,7 +106,7 @@ Result<std::string> saveMap(const io::SlamSettings& settings, slam::Slam& slam) 
   const fs::path& file = settings.map.out;
   if (file.empty()) return std::string();
   if (slam.map().empty()) return file.string() + ": there is no map to save";
-  slam.optimiseGlobally();
+  slam.optimizeGlobally();
   return writeMap(settings, slam.map(), slam.camera().calibration(), slam.readout_s());
 }
 

@@ -47,7 +47,7 @@ struct StartMap {
 [[nodiscard]] Result<std::string> writeMap(const io::SlamSettings& settings, const slam::Map& map,
                                            const slam::Calibration& camera, double readout_s);
 
-// Optimises the whole map and writes it. Without a map nothing is written. Returns what became of
+// Optimizes the whole map and writes it. Without a map nothing is written. Returns what became of
 // it; empty without a map_out.
 [[nodiscard]] Result<std::string> saveMap(const io::SlamSettings& settings, slam::Slam& slam);
 

@@ -75,11 +75,11 @@ TEST_F(MapKeeper, LearnsFromStartToStart) {
   });
 }
 
-TEST_F(MapKeeper, LocalisesAndChangesNothing) {
+TEST_F(MapKeeper, LocalizesAndChangesNothing) {
   settings_.map.out = file_;
   run({}, [&](slam::Slam& slam) { (void)saved(slam); });
   const std::string before = *io::readTextFile(file_);
-  settings_.map = {.in = file_, .out = {}, .localise_only = true};
+  settings_.map = {.in = file_, .out = {}, .localize_only = true};
   settings_.options.mapping = false;
   Result<StartMap> start = readStartMap(settings_, camera_);
   ASSERT_TRUE(start) << start.error().message;
@@ -191,7 +191,7 @@ TEST_F(MapKeeper, WhatCannotBeReadOrWritten) {
   slam::Map nothing;
   nothing.dictionary = "4X4_50";
   ASSERT_TRUE(io::writeTextFile(file_, io::formatMap(nothing, std::nullopt)));
-  EXPECT_NE(errorOf({.in = file_, .out = {}, .localise_only = true}).find("none has a pose"),
+  EXPECT_NE(errorOf({.in = file_, .out = {}, .localize_only = true}).find("none has a pose"),
             std::string::npos);
   ASSERT_TRUE(io::writeTextFile(file_, "{}"));
   EXPECT_NE(errorOf({.in = file_, .out = file_}).find("map.json: format: is missing"),

@@ -16,10 +16,10 @@ const Error kStopping{"the daemon is stopping"};
 }  // namespace
 
 MapWorker::MapWorker(io::SlamSettings settings, const slam::Calibration& camera,
-                     SlamErrands& errands, const SlamOutput& output, const Log& log)
+                     SlamRequests& requests, const SlamOutput& output, const Log& log)
     : settings_(std::move(settings)),
       camera_(camera),
-      errands_(errands),
+      slam_requests_(requests),
       output_(output),
       log_(log),
       interval_s_(settings_.map.save_interval_s),
@@ -115,13 +115,13 @@ Result<std::string> MapWorker::perform(const Request& request) {
 }
 
 Result<std::string> MapWorker::saveNow() {
-  if (settings_.map.localise_only) return Error{"with slam.localize_only no map is written"};
+  if (settings_.map.localize_only) return Error{"with slam.localize_only no map is written"};
   if (settings_.map.out.empty()) return Error{"slam.map_out is not configured"};
   slam::Map map;
   double readout_s = 0.0;
   std::uint64_t revision = 0;
   std::int64_t copying_ns = 0;
-  const bool copied = errands_.run([&](const std::unique_ptr<slam::Slam>& slam) {
+  const bool copied = slam_requests_.run([&](const std::unique_ptr<slam::Slam>& slam) {
     const std::int64_t begin_ns = monotonicNs();
     map = slam->map();
     copying_ns = monotonicNs() - begin_ns;
@@ -136,10 +136,10 @@ Result<std::string> MapWorker::saveNow() {
   return saved;
 }
 
-// The global optimisation is the SLAM's own, of a SLAM that will see no frames.
+// The global optimization is the SLAM's own, of a SLAM that will see no frames.
 Result<std::string> MapWorker::saveCopy(slam::Map map, double readout_s) const {
   const auto slam = makeSlam(settings_, camera_, settings_.options, std::move(map));
-  slam->optimiseGlobally();
+  slam->optimizeGlobally();
   return writeMap(settings_, slam->map(), camera_, readout_s);
 }
 
@@ -159,7 +159,7 @@ Result<std::string> MapWorker::loadNow(const fs::path& asked) {
 }
 
 Result<std::string> MapWorker::resetNow() {
-  if (settings_.map.localise_only) return Error{"with slam.localize_only the map stays as it is"};
+  if (settings_.map.localize_only) return Error{"with slam.localize_only the map stays as it is"};
   StartMap nothing;
   nothing.options = settings_.options;
   nothing.notes.emplace_back("beginning a new map");
@@ -171,7 +171,7 @@ Result<std::string> MapWorker::resetNow() {
 // The SLAM that was is destroyed here, too.
 Result<std::string> MapWorker::goOnWith(StartMap start) {
   auto slam = makeSlam(settings_, camera_, start.options, std::move(start.map));
-  if (!errands_.run([&](std::unique_ptr<slam::Slam>& running) { running.swap(slam); })) {
+  if (!slam_requests_.run([&](std::unique_ptr<slam::Slam>& running) { running.swap(slam); })) {
     return kStopping;
   }
   for (const std::string& warning : start.warnings) log_.warning(warning);
@@ -206,7 +206,7 @@ MapWorker::Report MapWorker::report() const {
   return {last_save_, saved_ns_, changed()};
 }
 
-void MapWorker::tellCounters(const CounterSink& sink) const {
+void MapWorker::reportCounters(const CounterSink& sink) const {
   sink("map.saves", saves_.load(std::memory_order_relaxed));
   sink("map.save_failures", save_failures_.load(std::memory_order_relaxed));
   sink("map.loads", loads_.load(std::memory_order_relaxed));

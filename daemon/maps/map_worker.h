@@ -1,4 +1,4 @@
-// The thread for what takes long with maps: optimising and writing them, reading others. The SLAM
+// The thread for what takes long with maps: optimizing and writing them, reading others. The SLAM
 // loop only gives it a copy of the map, or takes a whole SLAM from it.
 #pragma once
 
@@ -16,11 +16,11 @@
 #include <utility>
 
 #include "base/result.h"
-#include "daemon/health/counter_source.h"
-#include "daemon/system/log.h"
-#include "daemon/maps/map_keeper.h"
-#include "daemon/frames/slam_errands.h"
 #include "daemon/frames/slam_loop.h"
+#include "daemon/frames/slam_requests.h"
+#include "daemon/health/counter_source.h"
+#include "daemon/maps/map_keeper.h"
+#include "daemon/system/log.h"
 #include "io/settings/slam_settings.h"
 #include "slam/geometry/camera_model.h"
 
@@ -34,7 +34,7 @@ class MapWorker {
     bool changed = false;       // since then
   };
 
-  MapWorker(io::SlamSettings settings, const slam::Calibration& camera, SlamErrands& errands,
+  MapWorker(io::SlamSettings settings, const slam::Calibration& camera, SlamRequests& requests,
             const SlamOutput& output, const Log& log);
 
   // Told what came of a job, one line, on the worker's thread.
@@ -53,7 +53,7 @@ class MapWorker {
   [[nodiscard]] int saveInterval() const;
   [[nodiscard]] Report report() const;
   // Names begin with "map.".
-  void tellCounters(const CounterSink& sink) const;
+  void reportCounters(const CounterSink& sink) const;
 
   // The thread's body: returns after requestStop(), when the job under way is done.
   void run();
@@ -86,7 +86,7 @@ class MapWorker {
 
   const io::SlamSettings settings_;
   const slam::Calibration camera_;
-  SlamErrands& errands_;
+  SlamRequests& slam_requests_;
   const SlamOutput& output_;
   const Log& log_;
 

@@ -58,8 +58,8 @@ class MapWorkerTest : public ::testing::Test {
         std::make_unique<SlamLoop>(std::make_unique<slam::Slam>(slam::CameraModel(camera_),
                                                                 *slam::Dictionary::byName("4X4_50"),
                                                                 settings_.options, std::move(map)),
-                                   frames_, camera_status_, errands_, output_);
-    worker_ = std::make_unique<MapWorker>(settings_, camera_, errands_, output_, log_);
+                                   frames_, camera_status_, requests_, output_);
+    worker_ = std::make_unique<MapWorker>(settings_, camera_, requests_, output_, log_);
     loop_thread_ = std::thread([this] { loop_->run(); });
     worker_thread_ = std::thread([this] { worker_->run(); });
   }
@@ -94,7 +94,7 @@ class MapWorkerTest : public ::testing::Test {
   }
   std::map<std::string, std::uint64_t> counters() const {
     std::map<std::string, std::uint64_t> all;
-    worker_->tellCounters([&](const char* name, std::uint64_t value) { all[name] = value; });
+    worker_->reportCounters([&](const char* name, std::uint64_t value) { all[name] = value; });
     return all;
   }
   // What the SLAM loop says of the next frame.
@@ -126,7 +126,7 @@ class MapWorkerTest : public ::testing::Test {
   capture::FramePool pool_;
   std::int64_t sequence_ = 0;
   FrameQueue frames_{2};
-  SlamErrands errands_{frames_};
+  SlamRequests requests_{frames_};
   SlamOutput output_;
   const CameraStatus camera_status_;
   const Log log_{LogLevel::kError, false};
@@ -236,7 +236,7 @@ TEST_F(MapWorkerTest, AtTheEndWhatHasChangedIsSaved) {
 }
 
 TEST_F(MapWorkerTest, LocalizeOnlyNeitherWritesNorResets) {
-  settings_.map.localise_only = true;
+  settings_.map.localize_only = true;
   settings_.map.out.clear();
   settings_.options.mapping = false;
   start(wallMap());

@@ -10,8 +10,8 @@ using slam::Transform;
 using slam::Vector6d;
 
 // Nothing is known of a velocity at first but that robots are slower than this.
-constexpr double kFastest = 10.0;      // m/s
-constexpr double kFastestTurn = 20.0;  // rad/s
+constexpr double kMaxRate_hz = 10.0;   // m/s
+constexpr double kMaxTRateurn = 20.0;  // rad/s
 // No pose is better than this, whatever its covariance says: 10 micrometres, 10 microradians.
 constexpr double kFinest = 1e-5;
 
@@ -29,7 +29,7 @@ BodyState BodyMotion::update(const slam::PoseEstimate& pose, std::int64_t monoto
   const Transform T_w_b = pose.T_w_c * T_c_b;
   const Matrix6d covariance = covarianceOfBody(pose, T_c_b);
   const double dt_s = last_ns_ ? 1e-9 * static_cast<double>(monotonic_ns - *last_ns_) : -1.0;
-  if (dt_s <= 0.0 || dt_s > options_.longest_gap_s) {
+  if (dt_s <= 0.0 || dt_s > options_.max_gap_s) {
     begin(T_w_b, covariance);
   } else {
     predict(dt_s);
@@ -49,8 +49,8 @@ void BodyMotion::begin(const Transform& T_w_b, const Matrix6d& covariance) {
   twist_w_.setZero();
   covariance_.setZero();
   covariance_.topLeftCorner<6, 6>() = covariance;
-  covariance_.diagonal().segment<3>(6).setConstant(kFastest * kFastest);
-  covariance_.diagonal().tail<3>().setConstant(kFastestTurn * kFastestTurn);
+  covariance_.diagonal().segment<3>(6).setConstant(kMaxRate_hz * kMaxRate_hz);
+  covariance_.diagonal().tail<3>().setConstant(kMaxTRateurn * kMaxTRateurn);
 }
 
 void BodyMotion::predict(double dt_s) {

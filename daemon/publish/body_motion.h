@@ -29,7 +29,7 @@ class BodyMotion {
     double acceleration = 0.4;          // m^2/s^3
     double angular_acceleration = 1.0;  // rad^2/s^3
     // A velocity across a longer gap says nothing; it starts anew from zero.
-    double longest_gap_s = 0.5;
+    double max_gap_s = 0.5;
     // A pose further off than chance allows (chi-square of 6, one in 10^9) is a jump of the map, as
     // when a loop closes, and no motion. Two in a row are a motion that nobody expected.
     double jump_chi2 = 50.0;

@@ -20,7 +20,7 @@ constexpr std::string_view kDefaultGroup = "239.255.76.67";  // LCM's own
 constexpr std::uint16_t kDefaultPort = 7667;
 
 constexpr std::int64_t kFirstPauseNs = 100'000'000;
-constexpr std::int64_t kLongestPauseNs = 5'000'000'000;
+constexpr std::int64_t kMaxPauseNs = 5'000'000'000;
 
 // A datagram socket that has the address as its peer; -1 (and errno) without a route.
 UniqueFd connectTo(const sockaddr_in& address) {
@@ -71,13 +71,13 @@ bool LcmLink::maintain(std::int64_t now_ns) {
     if (!up()) lost("LCM refuses it");
   }
   if (up()) {
-    log_.info(told_lost_ ? "publishing to " + url_ + " again" : "publishing to " + url_);
-    told_lost_ = false;
+    log_.info(reported_lost_ ? "publishing to " + url_ + " again" : "publishing to " + url_);
+    reported_lost_ = false;
     pause_ns_ = kFirstPauseNs;
     return true;
   }
   next_attempt_ns_ = now_ns + pause_ns_;
-  pause_ns_ = std::min(2 * pause_ns_, kLongestPauseNs);
+  pause_ns_ = std::min(2 * pause_ns_, kMaxPauseNs);
   return false;
 }
 
@@ -95,8 +95,8 @@ bool LcmLink::publish(const std::string& channel, std::span<const std::uint8_t> 
 }
 
 void LcmLink::lost(const std::string& reason) {
-  if (told_lost_) return;
-  told_lost_ = true;
+  if (reported_lost_) return;
+  reported_lost_ = true;
   log_.warning("cannot publish to " + url_ + ": " + reason +
                "; poses are computed but not sent, trying again");
 }

@@ -48,7 +48,7 @@ class LcmLink {
   const sockaddr_in address_;
   const Log& log_;
   std::unique_ptr<lcm_t, LcmClose> lcm_;
-  bool told_lost_ = false;
+  bool reported_lost_ = false;
   std::int64_t next_attempt_ns_ = 0;
   std::int64_t pause_ns_;
 };

@@ -22,7 +22,7 @@ TEST(MulticastAddress, ReadsWhatLcmReads) {
   EXPECT_EQ(inWords("udpm://:8000"), "239.255.76.67:8000");
 }
 
-TEST(MulticastAddress, RefusesWhatCannotWork) {
+TEST(MulticastAddress, RejectsWhatCannotWork) {
   for (const char* url :
        {"", "239.255.76.67:7667", "file:///tmp/x", "udpm://localhost:7667", "udpm://10.0.0.1:7667",
         "udpm://239.255.76.67:0", "udpm://239.255.76.67:70000", "udpm://239.255.76.67:x",

@@ -7,8 +7,8 @@
 
 #include <bot_core/pose_t.hpp>
 
-#include "daemon/publish/body_motion.h"
 #include "daemon/frames/frame_record.h"
+#include "daemon/publish/body_motion.h"
 #include <waymark/detections_t.hpp>
 #include <waymark/map_t.hpp>
 #include <waymark/pose_t.hpp>

@@ -158,7 +158,7 @@ void Publisher::fillCounters() {
   }
   addCounter("camera.reopened", camera_.reopened());
   addCounter("camera.silences", camera_.silences());
-  addCounter("camera.options_refused", camera_.refused());
+  addCounter("camera.options_refused", camera_.rejected());
   addCounter("dropped.queue", frames_.dropped());
   slam::forEachCounter(record_.counters, [this](const char* name, std::uint64_t value) {
     addCounter(std::string("slam.") + name, value);

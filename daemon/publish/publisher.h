@@ -13,15 +13,15 @@
 #include <utility>
 #include <vector>
 
-#include "daemon/publish/body_motion.h"
-#include "daemon/frames/camera_status.h"
 #include "daemon/configuration.h"
-#include "daemon/health/counter_source.h"
-#include "daemon/health/frame_statistics.h"
-#include "daemon/publish/lcm_link.h"
-#include "daemon/publish/messages.h"
+#include "daemon/frames/camera_status.h"
 #include "daemon/frames/slam_loop.h"
 #include "daemon/frames/triple_buffer.h"
+#include "daemon/health/counter_source.h"
+#include "daemon/health/frame_statistics.h"
+#include "daemon/publish/body_motion.h"
+#include "daemon/publish/lcm_link.h"
+#include "daemon/publish/messages.h"
 #include <waymark/health_t.hpp>
 
 namespace waymark::daemon {

@@ -115,7 +115,7 @@ Recorder::Report Recorder::report() const {
   return report_;
 }
 
-void Recorder::tellCounters(const CounterSink& sink) const {
+void Recorder::reportCounters(const CounterSink& sink) const {
   eventlog::RollingLog::Counters counters;
   {
     const std::lock_guard lock(mutex_);

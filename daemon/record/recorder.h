@@ -15,12 +15,12 @@
 #include <bot_core/image_t.hpp>
 
 #include "base/byte_ring.h"
+#include "capture/eventlog/rolling_log.h"
 #include "capture/frame.h"
 #include "capture/jpeg_encoder.h"
 #include "capture/recorded_file.h"
 #include "daemon/health/counter_source.h"
 #include "daemon/system/log.h"
-#include "capture/eventlog/rolling_log.h"
 
 namespace waymark::daemon {
 
@@ -64,7 +64,7 @@ class Recorder {
   void stop() { wanted_.store(false, std::memory_order_relaxed); }
   [[nodiscard]] Report report() const;
   // Names begin with "recorder.".
-  void tellCounters(const CounterSink& sink) const;
+  void reportCounters(const CounterSink& sink) const;
 
   // The thread's body: returns after requestStop(), when all that was handed over is on the disk.
   void run();

@@ -5,9 +5,9 @@
 #include <memory>
 
 #include "daemon/configuration.h"
-#include "daemon/system/log.h"
 #include "daemon/maps/map_keeper.h"
 #include "daemon/record/recorder.h"
+#include "daemon/system/log.h"
 #include "slam/geometry/camera_model.h"
 
 namespace waymark::daemon {

@@ -14,9 +14,9 @@
 
 #include <gtest/gtest.h>
 
+#include "capture/eventlog/log_reader.h"
 #include "capture/jpeg_decoder.h"
 #include "capture/recorded_image.h"
-#include "capture/eventlog/log_reader.h"
 #include "tests/temporary_directory.h"
 #include <waymark/file_t.hpp>
 
@@ -77,7 +77,7 @@ class RecorderTest : public ::testing::Test {
 
   [[nodiscard]] std::map<std::string, std::uint64_t> counters() const {
     std::map<std::string, std::uint64_t> all;
-    recorder_->tellCounters([&](const char* name, std::uint64_t value) { all[name] = value; });
+    recorder_->reportCounters([&](const char* name, std::uint64_t value) { all[name] = value; });
     return all;
   }
   [[nodiscard]] static bool eventually(const std::function<bool()>& holds) {

@@ -37,7 +37,7 @@ void Housekeeper::run() {
     }
   }
   serveAll();
-  tellHealth();
+  reportHealth();
 }
 
 bool Housekeeper::stopsWithin(std::chrono::milliseconds time) const {
@@ -59,9 +59,9 @@ void Housekeeper::serveAll() const {
 void Housekeeper::requestStop() { eventfd_write(stop_.get(), 1); }
 
 void Housekeeper::tick() {
-  frames_.nudge();  // a SLAM loop without frames comes round, too
+  frames_.wake();  // a SLAM loop without frames comes round, too
   feedWatchdog(monotonicNs());
-  tellHealth();
+  reportHealth();
   serveAll();
 }
 
@@ -74,22 +74,22 @@ void Housekeeper::feedWatchdog(std::int64_t now_ns) {
   if (!hangs) {
     service_.alive();
     next_feeding_ns_ = now_ns + options_.watchdog_ns / 8;
-  } else if (!told_hanging_) {
+  } else if (!reported_hanging_) {
     log_.error("the SLAM loop hangs; the watchdog will restart the daemon");
   }
-  told_hanging_ = hangs;
+  reported_hanging_ = hangs;
 }
 
-void Housekeeper::tellHealth() {
+void Housekeeper::reportHealth() {
   const health_t* health = health_.take();
   if (health == nullptr) return;
   if (tap_) tap_(*health);
-  const HealthJournal::News news = journal_.news(*health);
-  if (!news.state.empty()) {
-    log_.info(news.state);
-    service_.status(news.state);
+  const HealthJournal::Changes changes = journal_.changes(*health);
+  if (!changes.state.empty()) {
+    log_.info(changes.state);
+    service_.status(changes.state);
   }
-  if (!news.faults.empty()) log_.warning("counted: " + news.faults);
+  if (!changes.faults.empty()) log_.warning("counted: " + changes.faults);
 }
 
 }  // namespace waymark::daemon

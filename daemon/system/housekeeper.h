@@ -12,11 +12,11 @@
 #include <poll.h>
 
 #include "base/unique_fd.h"
+#include "daemon/frames/slam_loop.h"
+#include "daemon/frames/triple_buffer.h"
 #include "daemon/health/health_journal.h"
 #include "daemon/system/log.h"
 #include "daemon/system/service_manager.h"
-#include "daemon/frames/slam_loop.h"
-#include "daemon/frames/triple_buffer.h"
 
 namespace waymark::daemon {
 
@@ -54,7 +54,7 @@ class Housekeeper {
   void serveAll() const;
   void tick();
   void feedWatchdog(std::int64_t now_ns);
-  void tellHealth();
+  void reportHealth();
 
   FrameQueue& frames_;
   const SlamOutput& slam_;
@@ -68,7 +68,7 @@ class Housekeeper {
   HealthTap tap_;
   HealthJournal journal_;
   std::int64_t next_feeding_ns_ = 0;
-  bool told_hanging_ = false;
+  bool reported_hanging_ = false;
 };
 
 }  // namespace waymark::daemon

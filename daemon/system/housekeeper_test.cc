@@ -38,7 +38,7 @@ class HousekeeperTest : public ::testing::Test {
     thread_.join();
   }
   // Whether such a message comes within the time.
-  [[nodiscard]] bool told(const std::string& message, milliseconds within) const {
+  [[nodiscard]] bool reported(const std::string& message, milliseconds within) const {
     const auto until = std::chrono::steady_clock::now() + within;
     while (std::chrono::steady_clock::now() < until) {
       if (socket_.next(20) == message) return true;
@@ -64,7 +64,7 @@ TEST_F(HousekeeperTest, FeedsTheWatchdogWhileTheSlamLoopComesRound) {
       slam_.alive_ns.store(monotonicNs());
     }
   });
-  for (int i = 0; i < 10; ++i) EXPECT_TRUE(told("WATCHDOG=1", milliseconds(2000))) << i;
+  for (int i = 0; i < 10; ++i) EXPECT_TRUE(reported("WATCHDOG=1", milliseconds(2000))) << i;
   frames_.close();
   slam.join();
 }
@@ -72,14 +72,14 @@ TEST_F(HousekeeperTest, FeedsTheWatchdogWhileTheSlamLoopComesRound) {
 TEST_F(HousekeeperTest, AHangingSlamLoopStarvesTheWatchdog) {
   slam_.alive_ns.store(monotonicNs() - 1'000'000'000);
   start(400'000'000);
-  EXPECT_FALSE(told("WATCHDOG=1", milliseconds(300)));
+  EXPECT_FALSE(reported("WATCHDOG=1", milliseconds(300)));
 }
 
 TEST_F(HousekeeperTest, ALoopThatHasEndedDoesNotHang) {
   slam_.alive_ns.store(monotonicNs() - 1'000'000'000);
   slam_.finished.store(true);
   start(400'000'000);
-  EXPECT_TRUE(told("WATCHDOG=1", milliseconds(2000)));
+  EXPECT_TRUE(reported("WATCHDOG=1", milliseconds(2000)));
 }
 
 // A file that never stops being readable gets its turns, and nothing else suffers.
@@ -95,10 +95,10 @@ TEST_F(HousekeeperTest, ServesFilesAndTicksNevertheless) {
   housekeeper_->setTap([&](const health_t&) { ++healths; });
   run();
   slam_.alive_ns.store(monotonicNs() + 10'000'000'000);
-  for (int i = 0; i < 3; ++i) EXPECT_TRUE(told("WATCHDOG=1", milliseconds(2000)));
+  for (int i = 0; i < 3; ++i) EXPECT_TRUE(reported("WATCHDOG=1", milliseconds(2000)));
   health_.writeBuffer().status = pose_t::STATUS_TRACKING;
   health_.publish();
-  EXPECT_TRUE(told("STATUS=tracking", milliseconds(2000)));
+  EXPECT_TRUE(reported("STATUS=tracking", milliseconds(2000)));
   housekeeper_->requestStop();
   thread_.join();
   EXPECT_GT(served, 10);
@@ -110,7 +110,7 @@ TEST_F(HousekeeperTest, TheServiceManagerKnowsTheState) {
   start(0);
   health_.writeBuffer().status = pose_t::STATUS_TRACKING;
   health_.publish();
-  EXPECT_TRUE(told("STATUS=tracking", milliseconds(2000)));
+  EXPECT_TRUE(reported("STATUS=tracking", milliseconds(2000)));
 }
 
 }  // namespace

@@ -53,7 +53,7 @@ Status pinToProcessors(std::thread& thread, const std::string& name, const std::
 }
 
 std::thread startThread(const std::string& name, const ThreadOptions& options,
-                        const std::function<void(const Error&)>& refused,
+                        const std::function<void(const Error&)>& rejected,
                         std::function<void()> run) {
   std::thread thread([run = std::move(run)] {
     prefaultStack();
@@ -61,16 +61,16 @@ std::thread startThread(const std::string& name, const ThreadOptions& options,
   });
   pthread_setname_np(thread.native_handle(), name.c_str());
   if (options.priority > 0) {
-    if (const Status s = scheduleRealTime(thread, name, options.priority); !s) refused(s.error());
+    if (const Status s = scheduleRealTime(thread, name, options.priority); !s) rejected(s.error());
   }
   if (!options.cpus.empty()) {
-    if (const Status s = pinToProcessors(thread, name, options.cpus); !s) refused(s.error());
+    if (const Status s = pinToProcessors(thread, name, options.cpus); !s) rejected(s.error());
   }
   return thread;
 }
 
 // In Linux a thread has a priority of its own. Lowering it is always allowed.
-void giveWay() {
+void lowerPriority() {
   constexpr int kNice = 10;
   (void)::setpriority(PRIO_PROCESS, 0, kNice);
 }

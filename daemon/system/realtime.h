@@ -1,4 +1,4 @@
-// What the operating system does for threads that must not be late. Refusals say what would allow
+// What the operating system does for threads that must not be late. Rejections say what would allow
 // it; nothing else fails for want of it.
 #pragma once
 
@@ -27,13 +27,13 @@ struct ThreadOptions {
 };
 
 // A thread with a name that top and gdb show, at most 15 characters, and a stack that is in memory
-// already. What the system refuses goes to `refused`, and the thread runs without it.
+// already. What the system rejects goes to `rejected`, and the thread runs without it.
 [[nodiscard]] std::thread startThread(const std::string& name, const ThreadOptions& options,
-                                      const std::function<void(const Error&)>& refused,
+                                      const std::function<void(const Error&)>& rejected,
                                       std::function<void()> run);
 
 // The calling thread gives way to all others that want the processor: for long computations that
 // nobody waits for.
-void giveWay();
+void lowerPriority();
 
 }  // namespace waymark::daemon

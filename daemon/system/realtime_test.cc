@@ -63,9 +63,9 @@ bool holdsUnprivileged(const Check& check) {
 
 TEST(RealTime, AThreadRunsWhereItIsBoundTo) {
   int where = -1;
-  std::vector<std::string> refused;
+  std::vector<std::string> rejected;
   std::thread bound = startThread(
-      "wm-test", {.cpus = {0}}, [&](const Error& error) { refused.push_back(error.message); },
+      "wm-test", {.cpus = {0}}, [&](const Error& error) { rejected.push_back(error.message); },
       [&] {
         std::this_thread::sleep_for(std::chrono::milliseconds(20));
         where = sched_getcpu();
@@ -75,22 +75,22 @@ TEST(RealTime, AThreadRunsWhereItIsBoundTo) {
   EXPECT_STREQ(name.data(), "wm-test");
   bound.join();
   EXPECT_EQ(where, 0);
-  EXPECT_TRUE(refused.empty());
+  EXPECT_TRUE(rejected.empty());
 }
 
-TEST(RealTime, AProcessorThatIsNotThereIsRefusedAndNamed) {
-  std::vector<std::string> refused;
+TEST(RealTime, AProcessorThatIsNotThereIsRejectedAndNamed) {
+  std::vector<std::string> rejected;
   bool ran = false;
   startThread(
-      "wm-test", {.cpus = {1000}}, [&](const Error& error) { refused.push_back(error.message); },
+      "wm-test", {.cpus = {1000}}, [&](const Error& error) { rejected.push_back(error.message); },
       [&] { ran = true; })
       .join();
   EXPECT_TRUE(ran) << "all the same";
-  ASSERT_EQ(refused.size(), 1U);
-  EXPECT_TRUE(refused[0].starts_with("wm-test is not bound to processor 1000: ")) << refused[0];
+  ASSERT_EQ(rejected.size(), 1U);
+  EXPECT_TRUE(rejected[0].starts_with("wm-test is not bound to processor 1000: ")) << rejected[0];
 }
 
-TEST(RealTime, RefusalsNameTheLimit) {
+TEST(RealTime, RejectionsNameTheLimit) {
   EXPECT_TRUE(holdsUnprivileged([] {
     Waiting waiting;
     const Status scheduled = scheduleRealTime(waiting.thread(), "wm-slam", 7);

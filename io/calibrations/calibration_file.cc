@@ -5,11 +5,11 @@
 #include <utility>
 #include <vector>
 
-#include "io/text/json_node.h"
 #include "io/calibrations/kalibr_calibration.h"
 #include "io/calibrations/lens_keys.h"
-#include "io/text/number_text.h"
 #include "io/calibrations/ros_calibration.h"
+#include "io/text/json_node.h"
+#include "io/text/number_text.h"
 #include "io/text/text_file.h"
 #include "io/text/yaml_text.h"
 

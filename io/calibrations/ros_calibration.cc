@@ -10,7 +10,7 @@ namespace waymark::io {
 namespace {
 
 // The full image, pixel by pixel?
-void refuseParts(const JsonNode& root) {
+void rejectParts(const JsonNode& root) {
   for (const char* key : {"binning_x", "binning_y"}) {
     if (root.has(key) && root.at(key).integer(0, 1000) > 1) {
       root.at(key).fail("binned images have another camera matrix than the message says");
@@ -59,7 +59,7 @@ slam::Calibration readCameraInfoMessage(const JsonNode& root) {
                       &calibration);
   const JsonNode D = root.at(ros1 ? "D" : "d");
   takeDistortion(readNumbers(D), D, &calibration);
-  refuseParts(root);
+  rejectParts(root);
   return calibration;
 }
 

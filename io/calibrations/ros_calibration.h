@@ -13,7 +13,7 @@ namespace waymark::io {
 // it.
 [[nodiscard]] bool isCameraInfoMessage(const Json& root);
 
-// Keys: width, height, distortion_model, and K, D or k, d. Binned or cut-out images are refused:
+// Keys: width, height, distortion_model, and K, D or k, d. Binned or cut-out images are rejected:
 // the matrix is not theirs. Faults go into the node's file.
 [[nodiscard]] slam::Calibration readCameraInfoMessage(const JsonNode& root);
 

@@ -10,10 +10,10 @@
 #include <vector>
 
 #include "base/decimal_seconds.h"
+#include "io/settings/slam_settings.h"
 #include "io/text/json_node.h"
 #include "io/text/number_text.h"
 #include "io/text/plausible.h"
-#include "io/settings/slam_settings.h"
 #include "io/text/text_file.h"
 #include "slam/detection/codes/dictionary.h"
 
@@ -30,7 +30,7 @@ constexpr std::array<std::pair<std::string_view, MarkerState>, 4> kStates = {{
     {"unresolved", MarkerState::kUnresolved},
     {"mapped", MarkerState::kMapped},
     {"quarantined", MarkerState::kQuarantined},
-    {"refused", MarkerState::kRefused},
+    {"refused", MarkerState::kBanned},
 }};
 
 std::string_view nameOf(MarkerState state) {
@@ -120,7 +120,7 @@ Json keyframeJson(const slam::Keyframe& keyframe) {
     detections.push_back({{"id", detection.id},
                           {"hamming", detection.hamming},
                           {"pixels", listOfFour(detection.pixels)},
-                          {"normalised_covariance", std::move(covariances)}});
+                          {"normalized_covariance", std::move(covariances)}});
   }
   Json json = {{"index", keyframe.id},
                {"sequence", keyframe.sequence},
@@ -178,7 +178,7 @@ MarkerState readState(const JsonNode& node) {
 
 // What is sent through squares and inverses must come out as a number again.
 constexpr double kLargestVariance = 1e12;  // square metres, square radians
-constexpr double kFastest = 1e4;           // metres and radians per second
+constexpr double kMaxRate_hz = 1e4;        // metres and radians per second
 
 void checkWithin(double limit, const std::vector<double>& values, const JsonNode& node) {
   for (const double value : values) {
@@ -200,7 +200,7 @@ slam::Matrix6d readCovariance(const JsonNode& node) {
   return covariance;
 }
 
-// Corners are for other programs; two truths about one marker are refused, though.
+// Corners are for other programs; two truths about one marker are rejected, though.
 void checkCorners(const JsonNode& node, const slam::MapMarker& marker) {
   constexpr double kRounding_m = 1e-6;
   const std::vector<JsonNode> corners = node.elements(4);
@@ -251,7 +251,7 @@ class MapReader {
     if (!root_.good()) return;
     const auto dictionary = slam::Dictionary::byName(map->dictionary);
     if (dictionary) largest_id_ = dictionary->size() - 1;
-    if (!dictionary) root_.at("dictionary").fail(*objectToDictionary(map->dictionary));
+    if (!dictionary) root_.at("dictionary").fail(*validateDictionary(map->dictionary));
   }
 
   void readMarker(const JsonNode& node, bool posed, slam::Map* map) const {
@@ -295,7 +295,7 @@ class MapReader {
     keyframe.T_w_c = node.at("T_w_c").transform();
     if (node.has("twist")) {
       const std::vector<double> twist = node.at("twist").numbers(6);
-      checkWithin(kFastest, twist, node.at("twist"));
+      checkWithin(kMaxRate_hz, twist, node.at("twist"));
       std::copy(twist.begin(), twist.end(), keyframe.twist.data());
     }
     for (const JsonNode& detection : node.at("detections").elements()) {
@@ -318,12 +318,12 @@ class MapReader {
     }
     detection.hamming = static_cast<int>(node.at("hamming").integer(0, 64));
     const std::vector<JsonNode> pixels = node.at("pixels").elements(4);
-    const std::vector<JsonNode> covariances = node.at("normalised_covariance").elements(4);
+    const std::vector<JsonNode> covariances = node.at("normalized_covariance").elements(4);
     for (std::size_t k = 0; k < 4 && node.good(); ++k) {
       detection.pixels[k] = pixels[k].point2();
-      const auto normalised = camera.undistort(detection.pixels[k]);
-      if (normalised) detection.normalised[k] = *normalised;
-      if (!normalised) pixels[k].fail("the camera's lens cannot see there");
+      const auto normalized = camera.undistort(detection.pixels[k]);
+      if (normalized) detection.normalized[k] = *normalized;
+      if (!normalized) pixels[k].fail("the camera's lens cannot see there");
       const std::vector<double> v = covariances[k].numbers(3);
       detection.covariance[k] << v[0], v[1], v[1], v[2];
       if (node.good() && !isCovariance(v[0], v[1], v[2])) {

@@ -34,7 +34,7 @@ slam::Map sampleMap() {
   plain.state = slam::MarkerState::kMapped;
   plain.T_w_m = slam::Transform{};
   map.addMarker(9, 0.165);
-  map.addMarker(10, 0.165).state = slam::MarkerState::kRefused;
+  map.addMarker(10, 0.165).state = slam::MarkerState::kBanned;
   slam::MapMarker& quarantined = map.addMarker(11, 0.165);
   quarantined.state = slam::MarkerState::kQuarantined;
   quarantined.former_poses = {slam::Transform{}.retract(delta)};
@@ -49,7 +49,7 @@ slam::Map sampleMap() {
   const slam::CameraModel camera(kCamera);
   for (slam::MarkerDetection* detection : {&seven, &nine}) {
     for (std::size_t k = 0; k < 4; ++k) {
-      detection->normalised[k] = *camera.undistort(detection->pixels[k]);
+      detection->normalized[k] = *camera.undistort(detection->pixels[k]);
     }
   }
   slam::Keyframe keyframe;
@@ -152,7 +152,7 @@ TEST(MapFile, EverythingReadsBack) {
       EXPECT_EQ(back.detections[i].id, keyframe.detections[i].id);
       EXPECT_EQ(back.detections[i].hamming, keyframe.detections[i].hamming);
       EXPECT_EQ(back.detections[i].pixels, keyframe.detections[i].pixels);
-      EXPECT_EQ(back.detections[i].normalised, keyframe.detections[i].normalised);
+      EXPECT_EQ(back.detections[i].normalized, keyframe.detections[i].normalized);
       EXPECT_EQ(back.detections[i].covariance, keyframe.detections[i].covariance);
     }
   }
@@ -177,7 +177,7 @@ TEST(MapFile, RollingShutter) {
   EXPECT_EQ(file->readout_s, 0.02);
   EXPECT_EQ(formatMap(file->map, file->camera, file->readout_s), text);
   const auto corner = [](const slam::Map& m) {
-    return m.keyframes().at(4).detections[0].normalised[0];
+    return m.keyframes().at(4).detections[0].normalized[0];
   };
   EXPECT_LT((corner(file->map) - corner(map)).norm(), 1e-9);
   EXPECT_GT((corner(map) - corner(sampleMap())).norm(), 1e-6);
@@ -260,8 +260,8 @@ TEST(MapFile, FaultsNameFilePlaceAndReason) {
       {[](auto& j) { j["keyframes"][0]["detections"][1]["id"] = 7; }, "[1].id: must be larger"},
       {[](auto& j) { j["keyframes"][0]["detections"][0]["pixels"][2][0] = 1e7; },
        "keyframes[0].detections[0].pixels[2]: the camera's lens cannot see there"},
-      {[](auto& j) { j["keyframes"][0]["detections"][0]["normalised_covariance"][3][0] = 0.0; },
-       "normalised_covariance[3]: must be xx, xy, yy of a positive definite matrix"},
+      {[](auto& j) { j["keyframes"][0]["detections"][0]["normalized_covariance"][3][0] = 0.0; },
+       "normalized_covariance[3]: must be xx, xy, yy of a positive definite matrix"},
       // Numbers that nothing real has, and that reckoning would turn into none.
       {[](auto& j) { j["markers"][1]["size"] = 1e4; }, "size: must be from 0.0001 to 1000 m"},
       {[](auto& j) { j["markers"][1]["T_w_m"]["p"][0] = 1e9; }, "p: is farther away than 100000"},
@@ -271,8 +271,8 @@ TEST(MapFile, FaultsNameFilePlaceAndReason) {
       {[](auto& j) { j["keyframes"][0]["twist"][5] = -1e5; }, "twist: must not exceed"},
       {[](auto& j) { j["keyframes"][0]["time_ns"] = std::int64_t{1} << 62U; }, "time_ns: must be"},
       {[](auto& j) { j["keyframes"][1]["index"] = INT64_MAX; }, "index: must be"},
-      {[](auto& j) { j["keyframes"][0]["detections"][0]["normalised_covariance"][3][0] = 1e-30; },
-       "normalised_covariance[3]: must be xx, xy, yy"},
+      {[](auto& j) { j["keyframes"][0]["detections"][0]["normalized_covariance"][3][0] = 1e-30; },
+       "normalized_covariance[3]: must be xx, xy, yy"},
       {[](auto& j) { j["col\nour"] = 1; }, "m.json: col our: unknown key"},
   };
   for (const auto& [edit, complaint] : cases) {

@@ -272,11 +272,11 @@ std::string trajectoryPath(const Projection& project, const Trajectory& trajecto
                            std::string_view colour, double width) {
   std::string solid;
   std::string dotted;
-  const std::int64_t longest_ns = 5 * medianPeriod(trajectory) / 2;
+  const std::int64_t max_ns = 5 * medianPeriod(trajectory) / 2;
   for (std::size_t i = 0; i < trajectory.size(); ++i) {
     const Eigen::Vector2d p = project(trajectory[i].T_w_c.p);
     const std::string place = n(p.x()) + " " + n(p.y());
-    const bool gap = i > 0 && trajectory[i].time_ns - trajectory[i - 1].time_ns > longest_ns;
+    const bool gap = i > 0 && trajectory[i].time_ns - trajectory[i - 1].time_ns > max_ns;
     if (gap) {
       const Eigen::Vector2d before = project(trajectory[i - 1].T_w_c.p);
       dotted += "M" + n(before.x()) + " " + n(before.y()) + "L" + place;

@@ -11,7 +11,7 @@ namespace waymark::io {
 namespace {
 
 // Two calibrations of one camera differ by a few pixels at the edge; another lens, by far more.
-constexpr double kWorstDifferencePerWidth = 0.01;
+constexpr double kMaxDifferencePerWidth = 0.01;
 
 Status checkMarkers(const slam::Map& map, const OldMapUse& use) {
   if (map.dictionary != use.dictionary) {
@@ -31,7 +31,7 @@ Status checkMarkers(const slam::Map& map, const OldMapUse& use) {
 
 bool sameCamera(const slam::Calibration& a, const slam::Calibration& b) {
   const std::optional<double> difference_px = largestLensDifference_px(a, b);
-  return difference_px && *difference_px <= kWorstDifferencePerWidth * a.width;
+  return difference_px && *difference_px <= kMaxDifferencePerWidth * a.width;
 }
 
 }  // namespace
@@ -57,9 +57,9 @@ std::optional<double> largestLensDifference_px(const slam::Calibration& a,
     for (int column = 0; column <= kSteps; ++column) {
       const Eigen::Vector2d pixel(double(column) / kSteps * (a.width - 1),
                                   double(row) / kSteps * (a.height - 1));
-      const auto normalised = from.undistort(pixel);
-      if (!normalised) continue;  // outside the lens
-      largest = std::max(largest, (to.distort(*normalised) - pixel).norm());
+      const auto normalized = from.undistort(pixel);
+      if (!normalized) continue;  // outside the lens
+      largest = std::max(largest, (to.distort(*normalized) - pixel).norm());
     }
   }
   return largest;
@@ -101,9 +101,9 @@ Result<OldMap> parseOldMap(std::string text, const std::filesystem::path& path,
   if (old.file.readout_s != 0.0 && sameCamera(*old.file.camera, use.camera)) {
     old.readout_s = old.file.readout_s;
   }
-  if (use.localise_only) {
+  if (use.localize_only) {
     if (!old.file.map.empty()) return old;
-    return Error{name + "markers: none has a pose, so there is nothing to localise in"};
+    return Error{name + "markers: none has a pose, so there is nothing to localize in"};
   }
   const auto changed = changeCamera(use.camera, &old.file);
   if (!changed) return Error{name + changed.error().message};

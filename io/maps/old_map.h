@@ -18,8 +18,8 @@ struct OldMapUse {
   std::string dictionary;
   slam::MarkerOptions markers;
   slam::Calibration camera;
-  // The map will only be localised in: any camera will do.
-  bool localise_only = false;
+  // The map will only be localized in: any camera will do.
+  bool localize_only = false;
 };
 
 struct OldMap {
@@ -30,7 +30,7 @@ struct OldMap {
   std::optional<double> readout_s;
 };
 
-// Another dictionary, another size of a marker, nothing to localise in where that is all that is
+// Another dictionary, another size of a marker, nothing to localize in where that is all that is
 // wanted and, where the map is to grow, another camera are errors. A camera that was only
 // calibrated again (same image size and model, nowhere more than 1 % of the image's width apart) is
 // a warning: the map's corners are then undistorted anew.
@@ -40,7 +40,7 @@ struct OldMap {
                                          const OldMapUse& use);
 
 // Learning goes on from the readout time that the map has learned. One that the options give holds
-// for the map's keyframes, too, unless the map is only localised in.
+// for the map's keyframes, too, unless the map is only localized in.
 void agreeOnReadout(OldMap* old, slam::Options* options);
 
 // The farthest that two calibrations put one ray apart anywhere in the image, pixels. Empty for

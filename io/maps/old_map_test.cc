@@ -76,7 +76,7 @@ TEST_F(OldMapFile, OfACameraCalibratedAgain) {
       << old->warnings[0];
   EXPECT_EQ(old->file.camera->fx, use_.camera.fx);
   const slam::MarkerDetection& detection = old->file.map.keyframes().at(0).detections[0];
-  EXPECT_EQ(detection.normalised[0],
+  EXPECT_EQ(detection.normalized[0],
             *slam::CameraModel(use_.camera).undistort(detection.pixels[0]));
 }
 
@@ -84,10 +84,10 @@ TEST_F(OldMapFile, OfAnotherCamera) {
   use_.camera.fx *= 1.1;
   EXPECT_NE(errorOf(read()).find("camera: is another one, or badly calibrated: up to "),
             std::string::npos);
-  use_.localise_only = true;
+  use_.localize_only = true;
   ASSERT_TRUE(read());
   EXPECT_EQ(read()->file.camera->fx, kCamera.fx);
-  use_.localise_only = false;
+  use_.localize_only = false;
   use_.camera = kCamera;
   use_.camera.width = 1280;
   expectError(read(), "camera: has another image size or lens model");
@@ -108,7 +108,7 @@ TEST_F(OldMapFile, TakenWithARollingShutter) {
     options.shutter.readout_s = 0.0;
     options.mapping = false;
     agreeOnReadout(&*old, &options);
-    EXPECT_EQ(old->file.readout_s, readout_s) << "a map to localise in stays as it is";
+    EXPECT_EQ(old->file.readout_s, readout_s) << "a map to localize in stays as it is";
     options.mapping = true;
     agreeOnReadout(&*old, &options);
     EXPECT_EQ(old->file.readout_s, 0.0);
@@ -123,13 +123,13 @@ TEST_F(OldMapFile, OfMarkersOnly) {
   EXPECT_EQ(old->file.camera->fx, kCamera.fx);
 }
 
-TEST_F(OldMapFile, WithNothingToLocaliseIn) {
+TEST_F(OldMapFile, WithNothingToLocalizeIn) {
   map_.removeKeyframe(0);
   map_.marker(3).T_w_m.reset();
   map_.marker(3).state = slam::MarkerState::kUnresolved;
   ASSERT_TRUE(read()) << "it can still grow";
-  use_.localise_only = true;
-  expectError(read(), "markers: none has a pose, so there is nothing to localise in");
+  use_.localize_only = true;
+  expectError(read(), "markers: none has a pose, so there is nothing to localize in");
 }
 
 TEST_F(OldMapFile, ThatWasEdited) {

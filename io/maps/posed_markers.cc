@@ -27,9 +27,9 @@ Result<PosedMarker> markerAtCorners(int id, const std::array<Eigen::Vector3d, 4>
   const auto square = slam::markerCorners(marker.size_m);
   marker.T_w_m = slam::alignPoints(square, corners);
   for (std::size_t k = 0; k < 4; ++k) {
-    constexpr double kWorstPerSide = 0.01;
+    constexpr double kMaxPerSide = 0.01;
     const double error_m = (marker.T_w_m * square[k] - corners[k]).norm();
-    if (!(error_m <= kWorstPerSide * marker.size_m) || !(marker.size_m > 0.0)) {
+    if (!(error_m <= kMaxPerSide * marker.size_m) || !(marker.size_m > 0.0)) {
       return Error{"are not the corners of a square"};
     }
   }

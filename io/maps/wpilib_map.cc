@@ -35,7 +35,7 @@ PosedMarker readTag(const JsonNode& tag) {
   const JsonNode quaternion = tag.at("pose").at("rotation").at("quaternion");
   const Eigen::Quaterniond q(quaternion.at("W").number(), quaternion.at("X").number(),
                              quaternion.at("Y").number(), quaternion.at("Z").number());
-  if (tag.good() && !(q.norm() > 1e-6)) quaternion.fail("must not be zero");  // WPILib normalises
+  if (tag.good() && !(q.norm() > 1e-6)) quaternion.fail("must not be zero");  // WPILib normalizes
   if (tag.good()) marker.T_w_m = slam::Transform::fromQuaternion(q, p) * T_tag_m();
   return marker;
 }

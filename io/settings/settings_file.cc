@@ -32,7 +32,7 @@ std::string inWords(double value) {
 Setting wholeNumber(std::string key, std::int64_t least, std::int64_t most,
                     std::function<void(std::int64_t)> take) {
   return {std::move(key),
-          [least, most, take = std::move(take)](const SettingValue& v) -> Objection {
+          [least, most, take = std::move(take)](const SettingValue& v) -> ValidationError {
             const std::optional<std::int64_t> value = v.node.value_exact<std::int64_t>();
             if (!value) return "must be a whole number";
             if (*value < least || *value > most) {
@@ -48,7 +48,7 @@ Setting number(std::string key, double least, double most, std::string_view unit
                std::function<void(double)> take) {
   return {std::move(key),
           [take = std::move(take), least, most,
-           unit = std::string(unit)](const SettingValue& v) -> Objection {
+           unit = std::string(unit)](const SettingValue& v) -> ValidationError {
             if (!v.node.is_number()) return "must be a number";
             const double value = v.node.value<double>().value_or(std::nan(""));
             if (!(value >= least && value <= most)) {
@@ -113,7 +113,7 @@ class SettingsReader {
  private:
   [[nodiscard]] Status readSetting(const Setting& setting, const toml::node& node) const {
     if (setting.element) return readElements(setting, node);
-    if (const Objection objection = setting.read(SettingValue(node))) {
+    if (const ValidationError objection = setting.read(SettingValue(node))) {
       return at(file_, node.source().begin, where_ + setting.key + ": " + *objection);
     }
     return success();
@@ -161,7 +161,7 @@ void addSettingTexts(const toml::table& table, const std::string& prefix, Settin
 // key of ours has more than four; the parser itself bounds what is nested in brackets. Empty when
 // there are few in each line.
 std::optional<toml::source_position> manyDotsAt(std::string_view text) {
-  constexpr int kMost = 100;
+  constexpr int kMax = 100;
   toml::source_position place{1, 0};
   int dots = 0;
   for (const char c : text) {
@@ -170,7 +170,7 @@ std::optional<toml::source_position> manyDotsAt(std::string_view text) {
       ++place.line;
       place.column = 0;
       dots = 0;
-    } else if (c == '.' && ++dots > kMost) {
+    } else if (c == '.' && ++dots > kMax) {
       return place;
     }
   }
@@ -185,7 +185,7 @@ Setting required(Setting setting) {
 }
 
 Setting checkedTextSetting(std::string key, TextCheck take) {
-  return {std::move(key), [take = std::move(take)](const SettingValue& v) -> Objection {
+  return {std::move(key), [take = std::move(take)](const SettingValue& v) -> ValidationError {
             const std::optional<std::string> value = v.node.value_exact<std::string>();
             if (!value) return "must be text in quotes";
             if (value->empty()) return "must not be empty";
@@ -196,21 +196,21 @@ Setting checkedTextSetting(std::string key, TextCheck take) {
 Setting textSetting(std::string key, std::string& target, TextCheck object) {
   return checkedTextSetting(std::move(key),
                             [&target, object = std::move(object)](const std::string& text) {
-                              Objection objection = object ? object(text) : std::nullopt;
+                              ValidationError objection = object ? object(text) : std::nullopt;
                               if (!objection) target = text;
                               return objection;
                             });
 }
 
 Setting pathSetting(std::string key, fs::path& target) {
-  return checkedTextSetting(std::move(key), [&target](const std::string& text) -> Objection {
+  return checkedTextSetting(std::move(key), [&target](const std::string& text) -> ValidationError {
     target = text;
     return {};
   });
 }
 
 Setting flagSetting(std::string key, bool& target) {
-  return {std::move(key), [&target](const SettingValue& v) -> Objection {
+  return {std::move(key), [&target](const SettingValue& v) -> ValidationError {
             const std::optional<bool> value = v.node.value_exact<bool>();
             if (!value) return "must be true or false";
             target = *value;
@@ -235,7 +235,8 @@ Setting integerSetting(std::string key, std::optional<int>& target, int least, i
 }
 
 Setting numbersSetting(std::string key, std::size_t count, NumbersTaker take) {
-  return {std::move(key), [count, take = std::move(take)](const SettingValue& v) -> Objection {
+  return {std::move(key),
+          [count, take = std::move(take)](const SettingValue& v) -> ValidationError {
             const toml::array* list = v.node.as_array();
             std::vector<double> numbers;
             for (std::size_t i = 0; list != nullptr && i < list->size(); ++i) {
@@ -261,7 +262,7 @@ Setting numberSetting(std::string key, std::optional<double>& target, double lea
 }
 
 Setting freeSection(std::string key, std::map<std::string, FreeValue>& target) {
-  return {std::move(key), [&target](const SettingValue& v) -> Objection {
+  return {std::move(key), [&target](const SettingValue& v) -> ValidationError {
             const toml::table* section = v.node.as_table();
             if (section == nullptr) return "must be a section";
             for (const auto& [name, node] : *section) {
@@ -277,20 +278,21 @@ Setting freeSection(std::string key, std::map<std::string, FreeValue>& target) {
 
 Setting wordSetting(std::string key, std::vector<std::string> words,
                     std::function<void(std::size_t)> take) {
-  return {std::move(key),
-          [words = std::move(words), take = std::move(take)](const SettingValue& v) -> Objection {
-            const std::optional<std::string> word = v.node.value_exact<std::string>();
-            const auto found = word ? std::ranges::find(words, *word) : words.end();
-            if (found != words.end()) {
-              take(static_cast<std::size_t>(found - words.begin()));
-              return {};
-            }
-            std::string known;
-            for (const std::string& other : words) {
-              known += (known.empty() ? "\"" : ", \"") + other + "\"";
-            }
-            return "must be one of " + known;
-          }};
+  return {
+      std::move(key),
+      [words = std::move(words), take = std::move(take)](const SettingValue& v) -> ValidationError {
+        const std::optional<std::string> word = v.node.value_exact<std::string>();
+        const auto found = word ? std::ranges::find(words, *word) : words.end();
+        if (found != words.end()) {
+          take(static_cast<std::size_t>(found - words.begin()));
+          return {};
+        }
+        std::string known;
+        for (const std::string& other : words) {
+          known += (known.empty() ? "\"" : ", \"") + other + "\"";
+        }
+        return "must be one of " + known;
+      }};
 }
 
 Status readSettings(const std::string& text, const fs::path& file,

@@ -21,12 +21,12 @@ namespace waymark::io {
 class SettingValue;
 
 // Why a value cannot be; empty when it can.
-using Objection = std::optional<std::string>;
+using ValidationError = std::optional<std::string>;
 
 // One key: what its value may be, and where it goes. The target must outlive the setting.
 struct Setting {
   std::string key;  // with its sections: "camera.simulator.seed"
-  std::function<Objection(const SettingValue&)> read;
+  std::function<ValidationError(const SettingValue&)> read;
   bool required = false;
   // A list of sections ([[key]]): begins the next element and says which keys it has. Where this is
   // set, `read` is not.
@@ -36,7 +36,7 @@ struct Setting {
 [[nodiscard]] Setting required(Setting setting);
 
 // Text in quotes, not empty; `object` may have more to say about it.
-using TextCheck = std::function<Objection(const std::string&)>;
+using TextCheck = std::function<ValidationError(const std::string&)>;
 [[nodiscard]] Setting textSetting(std::string key, std::string& target, TextCheck object = nullptr);
 // The same where the check itself knows what to do with the text.
 [[nodiscard]] Setting checkedTextSetting(std::string key, TextCheck take);
@@ -58,7 +58,7 @@ using TextCheck = std::function<Objection(const std::string&)>;
                                     double most, std::string_view unit);
 
 // As many finite numbers as `count`, [1.0, 2.0]; `take` may object to them.
-using NumbersTaker = std::function<Objection(std::span<const double>)>;
+using NumbersTaker = std::function<ValidationError(std::span<const double>)>;
 [[nodiscard]] Setting numbersSetting(std::string key, std::size_t count, NumbersTaker take);
 
 // A list of sections, [[key]]: `target` gets an element for each, and `keys` says what its keys,

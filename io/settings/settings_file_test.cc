@@ -23,7 +23,7 @@ struct Target {
   Colour colour = Colour::kRed;
 
   std::vector<Setting> settings() {
-    const auto object = [](const std::string& text) -> Objection {
+    const auto object = [](const std::string& text) -> ValidationError {
       if (text == "good") return {};
       return "is bad";
     };

@@ -26,9 +26,10 @@ std::vector<Setting> anchorKeys(slam::Anchor& anchor) {
 }
 
 // "3, 7-9" into `take`.
-Setting idsSetting(std::string key, std::function<Objection(std::vector<slam::IdRange>)> take) {
+Setting idsSetting(std::string key,
+                   std::function<ValidationError(std::vector<slam::IdRange>)> take) {
   return checkedTextSetting(std::move(key),
-                            [take = std::move(take)](const std::string& text) -> Objection {
+                            [take = std::move(take)](const std::string& text) -> ValidationError {
                               const auto ranges = parseIdRanges(text);
                               if (!ranges) return ranges.error().message;
                               return take(*ranges);
@@ -37,7 +38,7 @@ Setting idsSetting(std::string key, std::function<Objection(std::vector<slam::Id
 
 // One [[slam.markers.sizes]].
 std::vector<Setting> sizeKeys(slam::MarkerOptions::Size& size) {
-  const auto take = [&size](const std::vector<slam::IdRange>& ids) -> Objection {
+  const auto take = [&size](const std::vector<slam::IdRange>& ids) -> ValidationError {
     if (ids.size() != 1) return "must be one id or one range of ids like \"7-9\"";
     size.ids = ids.front();
     return {};
@@ -47,7 +48,7 @@ std::vector<Setting> sizeKeys(slam::MarkerOptions::Size& size) {
 }
 
 std::vector<Setting> markerKeys(slam::MarkerOptions& markers) {
-  const auto ignore = [&markers](std::vector<slam::IdRange> ids) -> Objection {
+  const auto ignore = [&markers](std::vector<slam::IdRange> ids) -> ValidationError {
     markers.ignored = std::move(ids);
     return {};
   };
@@ -66,7 +67,7 @@ constexpr std::array<std::string_view, 8> kOtherSections = {
 
 }  // namespace
 
-Objection objectToDictionary(const std::string& name) {
+ValidationError validateDictionary(const std::string& name) {
   std::string known;
   for (const std::string& other : slam::Dictionary::names()) {
     if (other == name) return {};
@@ -79,11 +80,11 @@ std::vector<Setting> slamSettingKeys(SlamSettings& target) {
   slam::Options& o = target.options;
   auto& scanner = o.detector.scanner;
   std::vector<Setting> keys = {
-      required(textSetting("slam.dictionary", target.dictionary, objectToDictionary)),
+      required(textSetting("slam.dictionary", target.dictionary, validateDictionary)),
       required(numberSetting("slam.marker_size_m", o.markers.size_m, 1e-3, 100.0, "m")),
       pathSetting("slam.map_in", target.map.in),
       pathSetting("slam.map_out", target.map.out),
-      flagSetting("slam.localize_only", target.map.localise_only),
+      flagSetting("slam.localize_only", target.map.localize_only),
       integerSetting("slam.map_save_interval_s", target.map.save_interval_s, 0, 1'000'000),
       numberSetting("slam.detector.scanner.min_side_px", scanner.quads.min_side_px, 4.0, 1000.0,
                     "px"),
@@ -92,12 +93,12 @@ std::vector<Setting> slamSettingKeys(SlamSettings& target) {
       integerSetting("slam.detector.decoder.max_wrong_bits", o.detector.decoder.max_wrong_bits, 0,
                      8),
       flagSetting("slam.follower.enabled", o.follower.enabled),
-      numberSetting("slam.follower.turns.round_s", o.follower.turns.round_s, 0.01, 10.0, "s"),
+      numberSetting("slam.follower.schedule.round_s", o.follower.schedule.round_s, 0.01, 10.0, "s"),
       numberSetting("slam.work_per_frame", o.work_per_frame, 10.0, 1e6, ""),
-      numberSetting("slam.initialisation.ambiguity_ratio", o.initialisation.ambiguity_ratio, 1.0,
+      numberSetting("slam.initialization.ambiguity_ratio", o.initialization.ambiguity_ratio, 1.0,
                     1000.0, ""),
       numberSetting("slam.tracking.marker_chi2", o.tracking.pose.marker_chi2, 1.0, 1e6, ""),
-      numberSetting("slam.tracking.worst_rms_px", o.tracking.pose.worst_rms_px, 0.1, 100.0, "px"),
+      numberSetting("slam.tracking.worst_rms_px", o.tracking.pose.max_rms_px, 0.1, 100.0, "px"),
       numberSetting("slam.shutter.readout_s", o.shutter.readout_s, -0.2, 0.2, "s"),
       numberSetting("slam.motion.max_extrapolation_s", o.tracking.motion.max_extrapolation_s, 0.0,
                     10.0, "s"),
@@ -112,10 +113,10 @@ std::vector<Setting> slamSettingKeys(SlamSettings& target) {
       integerSetting("slam.marker_pose.min_views", o.mapper.marker_pose.min_views, 2, 100),
       numberSetting("slam.marker_pose.ambiguity_ratio", o.mapper.marker_pose.ambiguity_ratio, 1.0,
                     1000.0, ""),
-      numberSetting("slam.relocalisation.ambiguity_ratio",
-                    o.tracking.relocalisation.ambiguity_ratio, 1.0, 1000.0, ""),
-      integerSetting("slam.local_optimisation.max_iterations",
-                     o.mapper.local_optimisation.max_iterations, 1, 100),
+      numberSetting("slam.relocalization.ambiguity_ratio",
+                    o.tracking.relocalization.ambiguity_ratio, 1.0, 1000.0, ""),
+      integerSetting("slam.local_optimization.max_iterations",
+                     o.mapper.local_optimization.max_iterations, 1, 100),
   };
   std::ranges::move(markerKeys(o.markers), std::back_inserter(keys));
   return keys;

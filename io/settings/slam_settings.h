@@ -16,7 +16,7 @@ namespace waymark::io {
 struct MapSettings {
   std::filesystem::path in;    // empty: begin a new map
   std::filesystem::path out;   // written at the end; empty: nowhere
-  bool localise_only = false;  // leave the map of `in` as it is
+  bool localize_only = false;  // leave the map of `in` as it is
   int save_interval_s = 300;   // of the daemon, when the map has changed; 0: only at the end
 };
 
@@ -38,6 +38,6 @@ struct SlamSettings {
                                                      const std::filesystem::path& file);
 
 // The objection to a name that slam::Dictionary does not know lists those it knows.
-[[nodiscard]] Objection objectToDictionary(const std::string& name);
+[[nodiscard]] ValidationError validateDictionary(const std::string& name);
 
 }  // namespace waymark::io

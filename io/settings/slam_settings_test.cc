@@ -23,13 +23,13 @@ TEST(SlamSettings, NestAsTheOptionsDo) {
       "[slam]\ndictionary = '4X4_50'\nmarker_size_m = 0.1\n"
       "[slam.detector]\nscanner.min_side_px = 21\n"
       "[slam.keyframes]\nviews_per_marker = 7\n"
-      "[slam.local_optimisation]\nmax_iterations = 3\n");
+      "[slam.local_optimization]\nmax_iterations = 3\n");
   ASSERT_TRUE(s) << s.error().message;
   EXPECT_EQ(s->dictionary, "4X4_50");
   EXPECT_EQ(s->options.markers.size_m, 0.1);
   EXPECT_EQ(s->options.detector.scanner.quads.min_side_px, 21.0);
   EXPECT_EQ(s->options.mapper.keyframes.views_per_marker, 7);
-  EXPECT_EQ(s->options.mapper.local_optimisation.max_iterations, 3);
+  EXPECT_EQ(s->options.mapper.local_optimization.max_iterations, 3);
 }
 
 TEST(SlamSettings, OfAFileWithOtherSectionsOrNone) {

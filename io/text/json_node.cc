@@ -40,7 +40,7 @@ std::string placeOf(const std::string& text, std::size_t byte) {
 // values afterwards has a stack with an end; and members are found one by one.
 std::optional<std::size_t> tooMuchAt(std::string_view text) {
   constexpr std::size_t kDeepest = 100;
-  constexpr int kMostMembers = 1000;
+  constexpr int kMaxMembers = 1000;
   struct Level {
     bool object = false;
     int commas = 0;
@@ -60,7 +60,7 @@ std::optional<std::size_t> tooMuchAt(std::string_view text) {
     } else if ((c == ']' || c == '}') && !levels.empty()) {
       levels.pop_back();
     } else if (c == ',' && !levels.empty() && levels.back().object &&
-               ++levels.back().commas >= kMostMembers) {
+               ++levels.back().commas >= kMaxMembers) {
       return i;
     }
   }
@@ -193,7 +193,7 @@ void JsonNode::fail(const std::string& reason) const {
   if (good()) *fault_ = oneLine((place_.empty() ? "" : place_ + ": ") + reason);
 }
 
-// Normalising a rounded quaternion and rounding it again nearly always gives the same; else the
+// Normalizing a rounded quaternion and rounding it again nearly always gives the same; else the
 // next one stays, or a few take turns. The smallest of those is the one whichever of them it starts
 // from.
 Eigen::Quaterniond stableQuaternion(const Eigen::Matrix3d& R) {

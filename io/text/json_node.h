@@ -43,7 +43,7 @@ class JsonNode {
   [[nodiscard]] std::vector<double> numbers(std::size_t count) const;
   [[nodiscard]] Eigen::Vector2d point2() const;  // [x, y]
   [[nodiscard]] Eigen::Vector3d point3() const;  // [x, y, z]
-  // [w, x, y, z] with length 1; one that is a little off (1e-6) is normalised.
+  // [w, x, y, z] with length 1; one that is a little off (1e-6) is normalized.
   [[nodiscard]] Eigen::Quaterniond unitQuaternion() const;
   // {"p": [x, y, z], "q": [w, x, y, z]}, at most 100 000 km away
   [[nodiscard]] slam::Transform transform() const;

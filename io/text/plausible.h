@@ -18,7 +18,7 @@ inline constexpr const char* kSizes = "must be from 0.0001 to 1000 m";
 }
 inline constexpr const char* kPositions = "is farther away than 100000 km";
 
-// Of a corner, square pixels or normalised: xx, xy, yy of a positive definite matrix, and not all
+// Of a corner, square pixels or normalized: xx, xy, yy of a positive definite matrix, and not all
 // but singular.
 [[nodiscard]] inline bool isCovariance(double xx, double xy, double yy) {
   const auto plausible = [](double variance) { return variance >= 1e-24 && variance <= 1e12; };

@@ -68,7 +68,7 @@ class PendingFile {
   std::optional<fs::path> temporary_;
 };
 
-// A rename is only durable once its directory is. Best effort: some file systems refuse.
+// A rename is only durable once its directory is. Best effort: some file systems reject.
 void syncDirectory(const fs::path& path) {
   const UniqueFd directory(::open(path.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC));
   if (directory) ::fsync(directory.get());
@@ -151,7 +151,7 @@ OutputDirectory::OutputDirectory(OutputDirectory&& other) noexcept
 
 OutputDirectory::~OutputDirectory() {
   for (auto directory = created_.rbegin(); directory != created_.rend(); ++directory) {
-    ::rmdir(directory->c_str());  // refuses where there are files, and so it should
+    ::rmdir(directory->c_str());  // rejects where there are files, and so it should
   }
 }
 

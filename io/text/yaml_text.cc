@@ -15,19 +15,19 @@ namespace waymark::io {
 namespace {
 
 // Aliases make a small file a huge one, or one without end: more than this is no file of ours.
-constexpr std::size_t kMostNodes = 500'000;
-constexpr std::size_t kMostTextBytes = std::size_t{16} << 20U;
+constexpr std::size_t kMaxNodes = 500'000;
+constexpr std::size_t kMaxTextBytes = std::size_t{16} << 20U;
 constexpr int kDeepest = 100;
 // Members are found one by one.
-constexpr std::size_t kMostMembers = 1000;
+constexpr std::size_t kMaxMembers = 1000;
 
 class Converter {
  public:
   // Empty when there is too much of it.
   std::optional<Json> convert(const YAML::Node& node, int depth = 0) {
-    if (++nodes_ > kMostNodes || depth > kDeepest) return std::nullopt;
+    if (++nodes_ > kMaxNodes || depth > kDeepest) return std::nullopt;
     if (node.IsScalar()) text_bytes_ += node.Scalar().size();
-    if (text_bytes_ > kMostTextBytes) return std::nullopt;
+    if (text_bytes_ > kMaxTextBytes) return std::nullopt;
     if (node.IsScalar()) return scalar(node);
     if (node.IsSequence()) return list(node, depth);
     if (node.IsMap()) return object(node, depth);
@@ -59,7 +59,7 @@ class Converter {
 
   std::optional<Json> object(const YAML::Node& node, int depth) {
     Json result = Json::object();
-    if (node.size() > kMostMembers) return std::nullopt;
+    if (node.size() > kMaxMembers) return std::nullopt;
     for (const auto& member : node) {
       std::optional<Json> converted = convert(member.second, depth + 1);
       if (!converted) return std::nullopt;

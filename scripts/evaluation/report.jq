@@ -19,7 +19,7 @@ def line: "| " + (map(tostring) | join(" | ")) + " |";
 def table($head; $rows): ($head | line), ($head | map("---") | line), ($rows[] | line), "";
 
 def result($name; $seed): first($results[] | select(.row == $name and .seed == $seed)) // null;
-def localised: fraction(.stats.localized; .stats.frames);
+def localized: fraction(.stats.localized; .stats.frames);
 
 # The numbers that a result is held against; null when the clean row they hang on is missing.
 def target($row; $result):
@@ -28,16 +28,16 @@ def target($row; $result):
     | if $clean == null or $clean.final == null then null
       else {ate_mm: ($clean.final.ate_m.mean * 1000 + $row.target.mm),
             ace_mm: ($clean.final.ace_m.mean * 1000 + $row.target.mm),
-            localised_percent: (100 * ($clean | localised))} end
+            localized_percent: (100 * ($clean | localized))} end
   end;
 def target_text($t): if $t == null then "clean row missing" else
   "\($t.ate_mm | digits) / \($t.ace_mm | digits), "
   + (if $t.in_view_percent then "\($t.in_view_percent) % in view"
-     else "\($t.localised_percent | digits) %" end) end;
+     else "\($t.localized_percent | digits) %" end) end;
 def missed($t):
   [ (select(.final.ate_m.mean * 1000 > $t.ate_mm) | "ATE"),
     (select(.final.ace_m.mean * 1000 > $t.ace_mm) | "ACE"),
-    (select($t.localised_percent and 100 * localised < $t.localised_percent - 1e-9) | "frames"),
+    (select($t.localized_percent and 100 * localized < $t.localized_percent - 1e-9) | "frames"),
     (select($t.in_view_percent and 100 * .live.in_view.share < $t.in_view_percent) | "frames") ];
 def ate_ratio: fraction(.final.ate_m.mean; .final.limit.ate_m.mean);
 def ace_ratio: fraction(.final.ace_m.mean; .final.limit.ace_m.mean);
@@ -61,7 +61,7 @@ def accuracy_row($row):
 
 def main_rows: [$plan.rows[] | select(.target)] ;
 def accuracy_table:
-  table(["scene", "seed", "frames localised", "of those in view of a mapped marker", "ATE live, mm",
+  table(["scene", "seed", "frames localized", "of those in view of a mapped marker", "ATE live, mm",
          "ATE final, mm", "ACE, mm (markers)", "limit ATE / ACE, mm", "ours / limit", "live / final",
          "corners, px RMS", "target ATE / ACE, mm, frames", "target met", "goals met", "version"];
     [main_rows[] as $row | ($results | map(select(.row == $row.name)) | sort_by(.seed))
@@ -70,7 +70,7 @@ def accuracy_table:
 
 def times($stage): .stats.timing[$stage].cpu_ms | "\(.mean | digits) / \(.p99 | digits) / \(.max | digits)";
 def timing_table:
-  table(["scene", "seed", "markers", "keyframes", "loops closed", "relocalisations", "t_rel, %",
+  table(["scene", "seed", "markers", "keyframes", "loops closed", "relocalizations", "t_rel, %",
          "r_rel, deg/25 cm", "detect, ms", "track, ms", "map, ms", "whole frame, ms", "version"];
     [main_rows[] as $row | $results | map(select(.row == $row.name)) | sort_by(.seed)[]
       | [.row, .seed, .stats.markers, .stats.keyframes, .stats.loop_closures,
@@ -85,14 +85,14 @@ def paper_1: {
   "15": {"640x480": [148, 108, 0.021], "800x600": [150, 101, 0.021], "1920x1080": [140, 53, 0.022]}};
 def table_1:
   table(["N_c", "image", "FPS without detection: paper", "ours", "FPS with detection: paper", "ours",
-         "ACE, mm: paper", "ours", "frames localised", "keyframes", "version"];
+         "ACE, mm: paper", "ours", "frames localized", "keyframes", "version"];
     [$plan.rows[] | select(.paper_table_1) | .paper_table_1 as $k
       | paper_1["\($k.nc)"][$k.size] as $p | first($results[] | . as $r | select($r.row == "lab-\($k.size)-nc\($k.nc)")) // null
       | if . == null then [$k.nc, $k.size, $p[0], "not measured", $p[1], "", $p[2] * 1000, "", "", "", ""]
         else [$k.nc, $k.size, $p[0],
           (1000 / (.stats.timing.track.wall_ms.mean + .stats.timing.map.wall_ms.mean) | round),
           $p[1], (1000 / .stats.timing.total.wall_ms.mean | round), $p[2] * 1000,
-          (.final.ace_m.mean | mm), (localised | percent), .stats.keyframes, .made.commit] end]);
+          (.final.ace_m.mean | mm), (localized | percent), .stats.keyframes, .made.commit] end]);
 
 # ATE in centimetres, t_rel in percent, r_rel in degrees per 25 cm, as printed in the paper.
 def paper_2: [["Seq 1", 5.68, 1.42, 0.20, "walls", 1], ["Seq 2", 4.71, 1.60, 0.83, "walls", 2],
@@ -116,12 +116,12 @@ def corner_table:
                           .consistency]]), "Version \($corners.made.commit).", "" end;
 
 def long_table:
-  table(["run", "frames", "markers", "keyframes", "frames localised", "mean / p99 / longest frame, ms",
+  table(["run", "frames", "markers", "keyframes", "frames localized", "mean / p99 / longest frame, ms",
          "memory, MB", "ATE, mm", "ACE, mm", "version"];
     [$plan.long[] as $plan | first($long[] | select(.run == $plan.name)) // null
       | if . == null then [$plan.what, "not measured"] + [range(8) | ""]
         else .made.commit as $version | .reports[]
-          | [$plan.what, .frames, .markers, .keyframes, "\(.localised_percent | digits) %",
+          | [$plan.what, .frames, .markers, .keyframes, "\(.localized_percent | digits) %",
              "\(.mean_ms | digits) / \(.p99_ms | digits) / \(.max_ms | digits)",
              (.resident_mb | digits), (.ate_mm | digits), (.ace_mm | digits), $version] end]);
 
@@ -132,7 +132,7 @@ def recording_missed($t):
     (select($t.ace_mm and (.truth.ace_m.mean // 1e9) * 1000 > $t.ace_mm) | "ACE"),
     (select($t.agreement_mm and (.other.ace_m.max // 1e9) * 1000 > $t.agreement_mm) | "agreement") ];
 def recording_table:
-  table(["recording", "frames localised", "markers", "reprojection RMS, px: live / map", "ACE, mm: mean / max",
+  table(["recording", "frames localized", "markers", "reprojection RMS, px: live / map", "ACE, mm: mean / max",
          "ACE limit, mm", "ATE final, mm", "map against the other order's, cm: mean / max", "target", "met", "version"];
     [$plan.recordings[] as $plan | first($recordings[] | select(.recording == $plan.name)) // null
       | if . == null then [$plan.name, "not measured"] + [range(9) | ""] else

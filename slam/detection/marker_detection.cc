@@ -8,19 +8,19 @@ namespace waymark::slam {
 
 std::optional<std::array<Eigen::Vector2d, 4>> undistortCorners(
     const CameraModel& camera, const std::array<Eigen::Vector2d, 4>& pixels) {
-  std::array<Eigen::Vector2d, 4> normalised;
+  std::array<Eigen::Vector2d, 4> normalized;
   for (std::size_t k = 0; k < 4; ++k) {
     const auto corner = camera.undistort(pixels[k]);
     if (!corner) return std::nullopt;
-    normalised[k] = *corner;
+    normalized[k] = *corner;
   }
-  return normalised;
+  return normalized;
 }
 
 bool undistortCorners(const CameraModel& camera, MarkerDetection* detection) {
-  const auto normalised = undistortCorners(camera, detection->pixels);
-  if (normalised) detection->normalised = *normalised;
-  return normalised.has_value();
+  const auto normalized = undistortCorners(camera, detection->pixels);
+  if (normalized) detection->normalized = *normalized;
+  return normalized.has_value();
 }
 
 void sortById(std::vector<MarkerDetection>* detections) {

@@ -17,8 +17,8 @@ struct MarkerDetection {
   int id = -1;
   int hamming = 0;                                                   // corrected bits of the code
   std::array<Eigen::Vector2d, 4> pixels = zeros<Eigen::Vector2d>();  // distorted, pixel centres
-  std::array<Eigen::Vector2d, 4> normalised = zeros<Eigen::Vector2d>();  // undistorted, at z = 1
-  // Of `normalised`, in its squared units.
+  std::array<Eigen::Vector2d, 4> normalized = zeros<Eigen::Vector2d>();  // undistorted, at z = 1
+  // Of `normalized`, in its squared units.
   std::array<Eigen::Matrix2d, 4> covariance = zeros<Eigen::Matrix2d>();
 
  private:
@@ -28,10 +28,10 @@ struct MarkerDetection {
   }
 };
 
-// Normalised corners of pixels. Empty when one is outside the lens's range.
+// Normalized corners of pixels. Empty when one is outside the lens's range.
 [[nodiscard]] std::optional<std::array<Eigen::Vector2d, 4>> undistortCorners(
     const CameraModel& camera, const std::array<Eigen::Vector2d, 4>& pixels);
-// `normalised` from `pixels`. False when a corner is outside the lens's range; the detection then
+// `normalized` from `pixels`. False when a corner is outside the lens's range; the detection then
 // stays as it is.
 [[nodiscard]] bool undistortCorners(const CameraModel& camera, MarkerDetection* detection);
 

@@ -21,7 +21,7 @@ double diagonalOf(const Quad& quad) { return (quad[2] - quad[0]).norm(); }
 
 double diagonal(const MarkerDetection& d) { return diagonalOf(d.pixels); }
 
-constexpr std::size_t kMostRefused = 256;
+constexpr std::size_t kMaxRejected = 256;
 
 // Nothing, and why.
 std::nullopt_t count(int* reason) {
@@ -38,7 +38,7 @@ MarkerDetector::MarkerDetector(const CameraModel& camera, Dictionary dictionary,
       scanner_(options.scanner),
       refiner_(camera_, options.edges),
       decoder_(camera_, dictionary_, options.decoder) {
-  refused_.reserve(kMostRefused);
+  rejected_.reserve(kMaxRejected);
   rings_.reserve(static_cast<std::size_t>(dictionary_.size()));
   for (int id = 0; id < dictionary_.size(); ++id) rings_.push_back(InnerRing::of(dictionary_, id));
 }
@@ -50,11 +50,11 @@ const std::vector<MarkerDetection>& MarkerDetector::detect(const ImageView& imag
 }
 
 void MarkerDetector::begin() {
-  sightings_.clear();
+  measured_.clear();
   detections_.clear();
   counters_ = {};
   constexpr int kPatience = 4;  // frames: light and blur may be better by then
-  std::erase_if(refused_, [](Refused& refused) { return ++refused.frames > kPatience; });
+  std::erase_if(rejected_, [](Rejected& rejected) { return ++rejected.frames > kPatience; });
 }
 
 bool MarkerDetector::confirm(const ImageView& image, int id,
@@ -63,58 +63,58 @@ bool MarkerDetector::confirm(const ImageView& image, int id,
   if (edges == nullptr && decoder_.read(image, corners).content == QuadContent::kNothing) {
     return false;
   }
-  const auto sighting = measure(image, id, corners, edges);
-  if (sighting) sightings_.push_back(*sighting);
-  return sighting.has_value();
+  const auto measured = measure(image, id, corners, edges);
+  if (measured) measured_.push_back(*measured);
+  return measured.has_value();
 }
 
-void MarkerDetector::scan(const ImageView& image, const ScanTurn& turn) {
+void MarkerDetector::scan(const ImageView& image, const SearchRegion& turn) {
   if (turn.factor == 1) {
-    scanWhole(image, turn.window, turn.most_px);
+    scanWhole(image, turn.window, turn.max_px);
   } else {
     scanReduced(image, turn);
   }
 }
 
 const std::vector<MarkerDetection>& MarkerDetector::finish() {
-  for (const Sighting& sighting : sightings_) detections_.push_back(sighting.detection);
+  for (const MeasuredMarker& measured : measured_) detections_.push_back(measured.detection);
   removeRepeated();
   return detections_;
 }
 
-void MarkerDetector::scanWhole(const ImageView& image, const Window& window, int most_px) {
+void MarkerDetector::scanWhole(const ImageView& image, const Window& window, int max_px) {
   const bool in_turn = window.width < image.width || window.height < image.height;
-  for (const Quad& found : scanner_.scan(partOf(image, window), most_px)) {
+  for (const Quad& found : scanner_.scan(partOf(image, window), max_px)) {
     ++counters_.quads;
     Quad quad = found;
     for (Eigen::Vector2d& corner : quad) corner += Eigen::Vector2d(window.left, window.top);
     if (isKnown(quad)) {
       ++counters_.doubled;
-    } else if (in_turn && wasRefused(quad)) {
-      ++counters_.refused;
-    } else if (const auto sighting = examine(image, quad)) {
-      sightings_.push_back(*sighting);
+    } else if (in_turn && wasRejected(quad)) {
+      ++counters_.rejected;
+    } else if (const auto measured = examine(image, quad)) {
+      measured_.push_back(*measured);
     } else {
-      refuse(quad);
+      reject(quad);
     }
   }
 }
 
 // What may be a marker there is looked at where it is in the image itself.
-void MarkerDetector::scanReduced(const ImageView& image, const ScanTurn& turn) {
+void MarkerDetector::scanReduced(const ImageView& image, const SearchRegion& turn) {
   const Window& window = turn.window;
   const int factor = turn.factor;
-  constexpr double kLeastReduced = 20.0;  // pixels from corner to corner
+  constexpr double kMinReduced = 20.0;  // pixels from corner to corner
   candidates_.clear();
-  for (Quad quad : scanner_.scan(reducer_.reduce(partOf(image, window), factor), turn.most_px)) {
+  for (Quad quad : scanner_.scan(reducer_.reduce(partOf(image, window), factor), turn.max_px)) {
     // The middle of a reduced pixel is in the middle of those it was made of.
     for (Eigen::Vector2d& corner : quad) {
       corner = factor * corner + Eigen::Vector2d(window.left, window.top) +
                Eigen::Vector2d::Constant(0.5 * (factor - 1));
     }
     // Smaller ones are found at a larger size.
-    if (factor > 2 && diagonalOf(quad) < kLeastReduced * factor) continue;
-    if (!isKnown(quad) && !wasRefused(quad)) candidates_.push_back(quad);
+    if (factor > 2 && diagonalOf(quad) < kMinReduced * factor) continue;
+    if (!isKnown(quad) && !wasRejected(quad)) candidates_.push_back(quad);
   }
   for (const Quad& quad : candidates_) {
     const auto corners = undistortCorners(camera_, quad);
@@ -125,40 +125,40 @@ void MarkerDetector::scanReduced(const ImageView& image, const ScanTurn& turn) {
     constexpr double kReadable = 3.0;
     const bool unreadable = diagonalOf(quad) < kReadable * factor * dictionary_.cells();
     if (content == QuadContent::kNothing || (content == QuadContent::kNoCode && !unreadable)) {
-      refuse(quad);
+      reject(quad);
       continue;
     }
     constexpr int kMargin = 12;  // pixels: more than the adaptive threshold looks around
-    const std::size_t before = sightings_.size();
+    const std::size_t before = measured_.size();
     scanWhole(image, windowAround(quad, kMargin + factor, image));
-    if (sightings_.size() == before) refuse(quad);
+    if (measured_.size() == before) reject(quad);
   }
 }
 
-bool MarkerDetector::wasRefused(const Quad& quad) {
+bool MarkerDetector::wasRejected(const Quad& quad) {
   const Eigen::Vector2d centre = centreOf(quad);
   const double diagonal = diagonalOf(quad);
-  const auto known = std::ranges::find_if(refused_, [&](const Refused& refused) {
-    return (refused.centre - centre).norm() < 0.2 * diagonal &&
-           std::abs(refused.diagonal - diagonal) < 0.2 * diagonal;
+  const auto known = std::ranges::find_if(rejected_, [&](const Rejected& rejected) {
+    return (rejected.centre - centre).norm() < 0.2 * diagonal &&
+           std::abs(rejected.diagonal - diagonal) < 0.2 * diagonal;
   });
-  if (known == refused_.end()) return false;
+  if (known == rejected_.end()) return false;
   known->centre = centre;
   return true;
 }
 
 // What is only just coming into view may be a marker in the next frame.
-void MarkerDetector::refuse(const Quad& quad) {
+void MarkerDetector::reject(const Quad& quad) {
   constexpr double kMargin = 12.0;  // pixels
   const bool inside = std::ranges::all_of(
       quad, [&](const Eigen::Vector2d& corner) { return camera_.inImage(corner, kMargin); });
-  if (inside && refused_.size() < kMostRefused)
-    refused_.push_back({centreOf(quad), diagonalOf(quad), 0});
+  if (inside && rejected_.size() < kMaxRejected)
+    rejected_.push_back({centreOf(quad), diagonalOf(quad), 0});
 }
 
 // Most codes can be read with the corners as they were found, and most of what is no marker looks
 // like none: exact corners are for markers. Small ones are read with better corners.
-std::optional<Sighting> MarkerDetector::examine(const ImageView& image, const Quad& quad) {
+std::optional<MeasuredMarker> MarkerDetector::examine(const ImageView& image, const Quad& quad) {
   auto corners = undistortCorners(camera_, quad);
   if (!corners) return count(&counters_.no_edge);
   std::optional<SideFits> edges;
@@ -166,7 +166,7 @@ std::optional<Sighting> MarkerDetector::examine(const ImageView& image, const Qu
   if (reading.content == QuadContent::kNoCode) {
     const auto rough = refiner_.refine(image, *corners, dictionary_.cells(), nullptr);
     if (!rough) return count(&counters_.no_edge);
-    corners = rough->normalised;
+    corners = rough->normalized;
     edges = rough->edges;
     reading = decoder_.read(image, *corners);
   }
@@ -176,33 +176,33 @@ std::optional<Sighting> MarkerDetector::examine(const ImageView& image, const Qu
   return measure(image, match.id, upright(*corners, match.rotation), edges ? &*edges : nullptr);
 }
 
-std::optional<Sighting> MarkerDetector::measure(const ImageView& image, int id,
-                                                const std::array<Eigen::Vector2d, 4>& corners,
-                                                const SideFits* edges) {
+std::optional<MeasuredMarker> MarkerDetector::measure(const ImageView& image, int id,
+                                                      const std::array<Eigen::Vector2d, 4>& corners,
+                                                      const SideFits* edges) {
   const auto exact = refiner_.refine(image, corners, dictionary_.cells(),
                                      &rings_[static_cast<std::size_t>(id)], edges);
   if (!exact) return count(&counters_.no_edge);
-  const QuadReading reading = decoder_.read(image, exact->normalised);
+  const QuadReading reading = decoder_.read(image, exact->normalized);
   if (reading.content != QuadContent::kMarker || reading.match.id != id ||
       reading.match.rotation != 0) {
     return count(&counters_.no_code);
   }
-  Sighting sighting;
-  sighting.detection.id = id;
-  sighting.detection.hamming = reading.match.hamming;
-  sighting.detection.pixels = exact->pixels;
-  sighting.detection.normalised = exact->normalised;
-  sighting.detection.covariance = exact->covariance;
-  sighting.edges = exact->edges;
-  return sighting;
+  MeasuredMarker measured;
+  measured.detection.id = id;
+  measured.detection.hamming = reading.match.hamming;
+  measured.detection.pixels = exact->pixels;
+  measured.detection.normalized = exact->normalized;
+  measured.detection.covariance = exact->covariance;
+  measured.edges = exact->edges;
+  return measured;
 }
 
 // The same marker found with another threshold.
 bool MarkerDetector::isKnown(const Quad& quad) const {
   const Eigen::Vector2d middle = centreOf(quad);
   const double size = (quad[2] - quad[0]).norm() + (quad[3] - quad[1]).norm();
-  return std::ranges::any_of(sightings_, [&](const Sighting& sighting) {
-    const MarkerDetection& known = sighting.detection;
+  return std::ranges::any_of(measured_, [&](const MeasuredMarker& measured) {
+    const MarkerDetection& known = measured.detection;
     const double known_size = diagonal(known) + (known.pixels[3] - known.pixels[1]).norm();
     return (centre(known) - middle).norm() < 0.1 * known_size && size > 0.8 * known_size &&
            size < 1.25 * known_size;

@@ -9,8 +9,8 @@
 
 #include "base/image_view.h"
 #include "slam/detection/codes/dictionary.h"
-#include "slam/detection/edges/edge_refiner.h"
 #include "slam/detection/codes/marker_decoder.h"
+#include "slam/detection/edges/edge_refiner.h"
 #include "slam/detection/marker_detection.h"
 #include "slam/detection/quads/quad_scanner.h"
 #include "slam/detection/search/reduced_image.h"
@@ -31,12 +31,12 @@ struct DetectorCounters {
   int no_edge = 0;   // a side had no clean edge
   int no_code = 0;   // no border, or a code that is not in the dictionary
   int doubled = 0;   // found again at the same place
-  int refused = 0;   // refused a few frames ago, and not looked at again
+  int rejected = 0;  // rejected a few frames ago, and not looked at again
   int repeated = 0;  // same id at another place: two prints, both left out
 };
 
 // A marker in an image, and how its edges look there.
-struct Sighting {
+struct MeasuredMarker {
   MarkerDetection detection;
   SideFits edges;
 };
@@ -52,39 +52,39 @@ class MarkerDetector {
 
   // The same piece by piece: begin(), any number of confirm() and scan(), finish().
   void begin();
-  // Whether marker `id` is near where it is expected: `corners` (normalised), good to a pixel and a
+  // Whether marker `id` is near where it is expected: `corners` (normalized), good to a pixel and a
   // half. `edges`: as they looked before; may be null.
   bool confirm(const ImageView& image, int id, const std::array<Eigen::Vector2d, 4>& corners,
                const SideFits* edges);
   // Every marker that is whole in a window of the image.
-  void scan(const ImageView& image, const ScanTurn& turn);
+  void scan(const ImageView& image, const SearchRegion& turn);
   // Sorted by id; each id at most once. Valid until the next call.
   const std::vector<MarkerDetection>& finish();
 
   // Since begin(), in the order in which they were found; where an id is there twice, both.
-  [[nodiscard]] const std::vector<Sighting>& sightings() const { return sightings_; }
+  [[nodiscard]] const std::vector<MeasuredMarker>& measured() const { return measured_; }
   [[nodiscard]] const DetectorCounters& counters() const { return counters_; }
   [[nodiscard]] const Dictionary& dictionary() const { return dictionary_; }
   [[nodiscard]] const CameraModel& camera() const { return camera_; }
 
  private:
   // A square that was looked at and is no marker. A few frames later it is looked at again.
-  struct Refused {
+  struct Rejected {
     Eigen::Vector2d centre;  // pixels, where it was last
     double diagonal;
     int frames;  // since it was looked at
   };
 
-  void scanWhole(const ImageView& image, const Window& window, int most_px = 0);
-  void scanReduced(const ImageView& image, const ScanTurn& turn);
-  // Whether it was refused a few frames ago; it is there now.
-  [[nodiscard]] bool wasRefused(const Quad& quad);
-  void refuse(const Quad& quad);
-  [[nodiscard]] std::optional<Sighting> examine(const ImageView& image, const Quad& quad);
+  void scanWhole(const ImageView& image, const Window& window, int max_px = 0);
+  void scanReduced(const ImageView& image, const SearchRegion& turn);
+  // Whether it was rejected a few frames ago; it is there now.
+  [[nodiscard]] bool wasRejected(const Quad& quad);
+  void reject(const Quad& quad);
+  [[nodiscard]] std::optional<MeasuredMarker> examine(const ImageView& image, const Quad& quad);
   // What was read with rough corners has to stand with exact ones. `corners`: upright.
-  [[nodiscard]] std::optional<Sighting> measure(const ImageView& image, int id,
-                                                const std::array<Eigen::Vector2d, 4>& corners,
-                                                const SideFits* edges);
+  [[nodiscard]] std::optional<MeasuredMarker> measure(const ImageView& image, int id,
+                                                      const std::array<Eigen::Vector2d, 4>& corners,
+                                                      const SideFits* edges);
   [[nodiscard]] bool isKnown(const Quad& quad) const;
   void removeRepeated();
 
@@ -95,9 +95,9 @@ class MarkerDetector {
   EdgeRefiner refiner_;
   MarkerDecoder decoder_;
   DetectorCounters counters_;
-  std::vector<Sighting> sightings_;
+  std::vector<MeasuredMarker> measured_;
   std::vector<MarkerDetection> detections_;
-  std::vector<Refused> refused_;
+  std::vector<Rejected> rejected_;
   // Reused from turn to turn.
   ImageReducer reducer_;
   std::vector<Quad> candidates_;

@@ -48,7 +48,7 @@ TEST(CalibrationFit, ACropLeavesPointsWhereTheyAre) {
   EXPECT_LT((middle.distort(n) - whole.distort(n) + Eigen::Vector2d(0.0, 60.0)).norm(), 1e-9);
 }
 
-TEST(CalibrationFit, WhatIsRefusedSaysWhatWouldDo) {
+TEST(CalibrationFit, WhatIsRejectedSaysWhatWouldDo) {
   const auto complaint = [](int width, int height, CalibrationFit fit) {
     const auto fitted = fitCalibration(testing::testCalibration(), width, height, fit);
     return fitted ? "none" : fitted.error().message;

@@ -8,7 +8,7 @@
 namespace waymark::slam {
 namespace {
 
-// Beyond this radius (84 degrees off axis) a normalised coordinate is of no use.
+// Beyond this radius (84 degrees off axis) a normalized coordinate is of no use.
 constexpr double kLargestRadius = 10.0;
 
 struct Radial {
@@ -94,10 +94,10 @@ CameraModel::CameraModel(const Calibration& calibration)
       focal_(std::sqrt(calibration.fx * calibration.fy)),
       max_radius_(monotonicRadius(calibration)) {}
 
-Eigen::Vector2d CameraModel::distort(const Eigen::Vector2d& normalised,
+Eigen::Vector2d CameraModel::distort(const Eigen::Vector2d& normalized,
                                      Eigen::Matrix2d* jacobian) const {
-  const double x = normalised.x();
-  const double y = normalised.y();
+  const double x = normalized.x();
+  const double y = normalized.y();
   const double r2 = x * x + y * y;
   const Radial f = radialFactor(c_, r2);
   const bool tangential = c_.model == DistortionModel::kRational;
@@ -135,9 +135,9 @@ Calibration CameraModel::withIntrinsics(const IntrinsicVector& v) const {
   return c;
 }
 
-IntrinsicJacobian CameraModel::intrinsicJacobian(const Eigen::Vector2d& normalised) const {
-  const double x = normalised.x();
-  const double y = normalised.y();
+IntrinsicJacobian CameraModel::intrinsicJacobian(const Eigen::Vector2d& normalized) const {
+  const double x = normalized.x();
+  const double y = normalized.y();
   const double r2 = x * x + y * y;
   // d (xd, yd) / d coefficients, before the focal lengths.
   Eigen::Matrix<double, 2, 5> D = Eigen::Matrix<double, 2, 5>::Zero();
@@ -145,17 +145,17 @@ IntrinsicJacobian CameraModel::intrinsicJacobian(const Eigen::Vector2d& normalis
     const double r = std::sqrt(r2);
     const double theta = std::atan(r);
     double power = r > 1e-9 ? theta * theta * theta / r : r2;  // theta^3 / r
-    for (int i = 0; i < 4; ++i, power *= theta * theta) D.col(i) = power * normalised;
+    for (int i = 0; i < 4; ++i, power *= theta * theta) D.col(i) = power * normalized;
   } else {
     const std::array<double, 8>& d = c_.distortion;
     const double den = 1.0 + r2 * (d[5] + r2 * (d[6] + r2 * d[7]));
-    D.col(0) = normalised * (r2 / den);
-    D.col(1) = normalised * (r2 * r2 / den);
+    D.col(0) = normalized * (r2 / den);
+    D.col(1) = normalized * (r2 * r2 / den);
     D.col(2) << 2.0 * x * y, r2 + 2.0 * y * y;
     D.col(3) << r2 + 2.0 * x * x, 2.0 * x * y;
-    D.col(4) = normalised * (r2 * r2 * r2 / den);
+    D.col(4) = normalized * (r2 * r2 * r2 / den);
   }
-  const Eigen::Vector2d pixel = distort(normalised);
+  const Eigen::Vector2d pixel = distort(normalized);
   IntrinsicJacobian J;
   J << (pixel.x() - c_.cx) / c_.fx, 0.0, 1.0, 0.0, c_.fx * D.row(0),  //
       0.0, (pixel.y() - c_.cy) / c_.fy, 0.0, 1.0, c_.fy * D.row(1);

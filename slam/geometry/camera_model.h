@@ -1,6 +1,6 @@
 // The camera: intrinsics and lens distortion (seed 1, Eq. 8), in OpenCV's conventions.
 //
-// Pixel coordinates count pixel centres. "Normalised" coordinates are undistorted image-plane
+// Pixel coordinates count pixel centres. "Normalized" coordinates are undistorted image-plane
 // coordinates at z = 1: the SLAM works in them, so that the lens is dealt with once per corner.
 #pragma once
 
@@ -30,7 +30,7 @@ struct Calibration {
   [[nodiscard]] std::string invalidReason() const;
 };
 
-// What global optimisation may change (delta of seed 1, Eq. 8): fx fy cx cy, then k1 k2 p1 p2 k3 of
+// What global optimization may change (delta of seed 1, Eq. 8): fx fy cx cy, then k1 k2 p1 p2 k3 of
 // a rational lens or k1 k2 k3 k4 of an equidistant one, whose ninth entry is 0 and means nothing.
 using IntrinsicVector = Eigen::Matrix<double, 9, 1>;
 using IntrinsicJacobian = Eigen::Matrix<double, 2, 9>;
@@ -43,20 +43,20 @@ class CameraModel {
   [[nodiscard]] const Calibration& calibration() const { return c_; }
   [[nodiscard]] int width() const { return c_.width; }
   [[nodiscard]] int height() const { return c_.height; }
-  // Geometric mean of fx and fy: pixels per unit of normalised coordinate at the centre.
+  // Geometric mean of fx and fy: pixels per unit of normalized coordinate at the centre.
   [[nodiscard]] double focalLength() const { return focal_; }
 
-  // Normalised to pixel. Jacobian (2x2, d pixel / d normalised) where asked for.
-  [[nodiscard]] Eigen::Vector2d distort(const Eigen::Vector2d& normalised,
+  // Normalized to pixel. Jacobian (2x2, d pixel / d normalized) where asked for.
+  [[nodiscard]] Eigen::Vector2d distort(const Eigen::Vector2d& normalized,
                                         Eigen::Matrix2d* jacobian = nullptr) const;
 
   [[nodiscard]] IntrinsicVector intrinsics() const;
   // The same lens with other intrinsics.
   [[nodiscard]] Calibration withIntrinsics(const IntrinsicVector& intrinsics) const;
   // d pixel / d intrinsics of distort().
-  [[nodiscard]] IntrinsicJacobian intrinsicJacobian(const Eigen::Vector2d& normalised) const;
+  [[nodiscard]] IntrinsicJacobian intrinsicJacobian(const Eigen::Vector2d& normalized) const;
 
-  // Pixel to normalised, by Newton iteration to 1e-10. Empty where the model has no inverse there
+  // Pixel to normalized, by Newton iteration to 1e-10. Empty where the model has no inverse there
   // (outside the lens's monotonic range, or 90 degrees and more off axis).
   [[nodiscard]] std::optional<Eigen::Vector2d> undistort(const Eigen::Vector2d& pixel) const;
 
@@ -68,7 +68,7 @@ class CameraModel {
            pixel.x() <= c_.width - 1 - margin_px && pixel.y() <= c_.height - 1 - margin_px;
   }
 
-  // Largest radius in normalised coordinates at which the distortion is still monotonic.
+  // Largest radius in normalized coordinates at which the distortion is still monotonic.
   [[nodiscard]] double maxRadius() const { return max_radius_; }
 
  private:

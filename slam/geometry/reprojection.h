@@ -1,4 +1,4 @@
-// The reprojection residual every solver here minimises (seed 1, Eq. 11), with its Jacobians.
+// The reprojection residual every solver here minimizes (seed 1, Eq. 11), with its Jacobians.
 #pragma once
 
 #include <algorithm>
@@ -37,7 +37,7 @@ using WhitenedCorners = std::array<Eigen::Matrix2d, 4>;
 // Points nearer than this to the camera plane, or behind it, are not projected, metres.
 inline constexpr double kNearestDepth = 1e-3;
 
-// d normalised / d point in the world, of a point at p_c in the camera's frame.
+// d normalized / d point in the world, of a point at p_c in the camera's frame.
 [[nodiscard]] inline Matrix23d projectionJacobian(const Transform& T_w_c,
                                                   const Eigen::Vector3d& p_c) {
   const double iz = 1.0 / p_c.z();
@@ -50,7 +50,7 @@ inline constexpr double kNearestDepth = 1e-3;
 }
 
 struct Projection {
-  Eigen::Vector2d normalised;
+  Eigen::Vector2d normalized;
   Matrix23d J_point;  // by the point in the world
 };
 
@@ -59,7 +59,7 @@ struct Projection {
                                        Projection* out) {
   const Eigen::Vector3d p_c = T_w_c.R.transpose() * (p_w - T_w_c.p);
   if (p_c.z() < kNearestDepth) return false;
-  out->normalised = p_c.head<2>() / p_c.z();
+  out->normalized = p_c.head<2>() / p_c.z();
   out->J_point = projectionJacobian(T_w_c, p_c);
   return true;
 }
@@ -73,7 +73,7 @@ struct Projection {
   return (W * (p_c.head<2>() / p_c.z() - seen)).squaredNorm();
 }
 
-// d normalised / d delta of T_w_c (Transform::retract), from the point's Jacobian.
+// d normalized / d delta of T_w_c (Transform::retract), from the point's Jacobian.
 [[nodiscard]] inline Matrix26d cameraJacobian(const Transform& T_w_c, const Eigen::Vector3d& p_w,
                                               const Matrix23d& J_point) {
   Matrix26d J;
@@ -82,7 +82,7 @@ struct Projection {
   return J;
 }
 
-// d normalised / d delta of T_w_m, for a corner at p_w.
+// d normalized / d delta of T_w_m, for a corner at p_w.
 [[nodiscard]] inline Matrix26d markerJacobian(const Transform& T_w_m, const Eigen::Vector3d& p_w,
                                               const Matrix23d& J_point) {
   Matrix26d J;

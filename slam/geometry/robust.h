@@ -17,7 +17,7 @@ namespace waymark::slam {
   return squared <= k * k ? squared : 2.0 * k * std::sqrt(squared) - k * k;
 }
 
-// The weight that makes iterated least squares minimise it.
+// The weight that makes iterated least squares minimize it.
 [[nodiscard]] inline double huberWeight(double squared, double k) {
   return squared <= k * k ? 1.0 : k / std::sqrt(squared);
 }
@@ -32,7 +32,7 @@ template <typename Vector>
 
 // Standard deviation of whitened residuals, from the squared norms of two-dimensional ones: 1 when
 // the covariances tell all, more where lens model, blur or paper add to them; never less than 1.
-[[nodiscard]] inline double noiseScale(std::span<const double> squared_norms) {
+[[nodiscard]] inline double residualSigmaOf(std::span<const double> squared_norms) {
   constexpr double kMedianOfChi2With2 = 1.386;
   if (squared_norms.empty()) return 1.0;
   StackArena<4096> arena;

@@ -1,5 +1,5 @@
 // Cholesky's factors of a small symmetric matrix whose size the compiler knows, so that it can lay
-// the loops out: an edge fit solves one in every iteration, and a map's optimisation is made of
+// the loops out: an edge fit solves one in every iteration, and a map's optimization is made of
 // 6x6 blocks of them.
 #pragma once
 
@@ -12,7 +12,7 @@ namespace waymark::slam {
 // L with L L^T = H, in the lower triangle and in place, its diagonal inverted: "the factor" below.
 // False when H is not positive definite. Only its lower triangle is looked at.
 template <int N>
-[[nodiscard]] bool factoriseCholesky(Eigen::Matrix<double, N, N>* H) {
+[[nodiscard]] bool factorizeCholesky(Eigen::Matrix<double, N, N>* H) {
   Eigen::Matrix<double, N, N>& L = *H;
 #pragma GCC unroll 8
   for (int j = 0; j < N; ++j) {

@@ -16,17 +16,17 @@ TEST(SmallCholesky, SolvesAsEigenDoes) {
     const Matrix H = A * A.transpose() + 0.1 * Matrix::Identity();
     const Vector b = Vector::Random();
     Matrix L = H;
-    ASSERT_TRUE(factoriseCholesky(&L));
+    ASSERT_TRUE(factorizeCholesky(&L));
     EXPECT_LT((solveCholesky(L, b) - H.llt().solve(b)).norm(), 1e-9 * H.llt().solve(b).norm());
   }
 }
 
-TEST(SmallCholesky, RefusesWhatIsNotPositiveDefinite) {
+TEST(SmallCholesky, RejectsWhatIsNotPositiveDefinite) {
   Matrix H = Matrix::Identity();
   H(3, 3) = -1.0;
-  EXPECT_FALSE(factoriseCholesky(&H));
+  EXPECT_FALSE(factorizeCholesky(&H));
   H.setZero();
-  EXPECT_FALSE(factoriseCholesky(&H));
+  EXPECT_FALSE(factorizeCholesky(&H));
 }
 
 }  // namespace

@@ -7,7 +7,7 @@
 #include <Eigen/Eigenvalues>
 
 #include "slam/geometry/robust.h"
-#include "slam/optimisation/map_fit.h"
+#include "slam/optimization/map_fit.h"
 
 namespace waymark::slam {
 namespace {
@@ -35,7 +35,7 @@ std::vector<std::vector<int>> camerasByMarker(const BundleProblem& problem) {
 }
 
 // Every pair of cameras with a common marker, the strongest first.
-Task<std::vector<Connection>> connections(const BundleProblem& problem, Allowance* allowance) {
+Task<std::vector<Connection>> connections(const BundleProblem& problem, Budget* budget) {
   const std::vector<std::vector<int>> by_marker = camerasByMarker(problem);
   std::vector<std::vector<Connection>> by_strength;
   std::vector<int> shared(problem.cameras.size(), 0);
@@ -56,11 +56,11 @@ Task<std::vector<Connection>> connections(const BundleProblem& problem, Allowanc
       if (at(strength) >= by_strength.size()) by_strength.resize(at(strength) + 1);
       by_strength[at(strength)].push_back({a, b, strength});
     }
-    co_await allowance->spend(kViewPair * static_cast<double>(pairs));
+    co_await budget->spend(kViewPair * static_cast<double>(pairs));
   }
   std::vector<Connection> list;
   for (auto same = by_strength.rbegin(); same != by_strength.rend(); ++same) {
-    co_await allowance->spend(kViewPair * static_cast<double>(same->size()));
+    co_await budget->spend(kViewPair * static_cast<double>(same->size()));
     list.insert(list.end(), same->begin(), same->end());
   }
   co_return list;
@@ -95,7 +95,7 @@ class Forest {
 };
 
 // f^c: the oldest camera that sees a marker of L(t).
-int closingCamera(const MapPart& part, const std::vector<int>& loop_markers) {
+int closingCamera(const Subproblem& part, const std::vector<int>& loop_markers) {
   int oldest = static_cast<int>(part.keyframes.size()) - 1;
   for (const auto& observation : part.problem.observations) {
     const int id = part.markers[at(observation.marker)].id;
@@ -106,7 +106,7 @@ int closingCamera(const MapPart& part, const std::vector<int>& loop_markers) {
 }
 
 // f^omega, or the newest camera where that takes no part.
-int referenceCamera(const MapPart& part, KeyframeId reference) {
+int referenceCamera(const Subproblem& part, KeyframeId reference) {
   const auto found = std::ranges::lower_bound(part.keyframes, reference);
   const auto index = static_cast<int>(found - part.keyframes.begin());
   return std::min(index, static_cast<int>(part.keyframes.size()) - 1);
@@ -136,34 +136,34 @@ Transform backToTheWorld(const BundleProblem& before, const BundleProblem& after
 
 // What every candidate starts from, and is compared with.
 struct Before {
-  MapPart part;
+  Subproblem part;
   std::vector<std::vector<int>> by_marker;  // cameras
   PoseGraph graph;
-  double noise = 1.0;
+  double residual_sigma = 1.0;
   double huber = 0.0;  // in units of the corners' covariances
   double cost = 0.0;
 };
 
 Task<Before> prepare(const Map& map, const MarkerOptions& markers, const LoopOptions& options,
-                     Allowance* allowance) {
+                     Budget* budget) {
   Before before;
-  before.part = co_await takePart(map, wholeMap(map), markers, allowance);
-  const MapFit fit = co_await fitOf(before.part.problem, allowance);
-  before.noise = fit.noise;
-  before.huber = fit.noise * options.optimisation.huber;
+  before.part = co_await buildSubproblem(map, wholeMap(map), markers, budget);
+  const MapFit fit = co_await fitOf(before.part.problem, budget);
+  before.residual_sigma = fit.residual_sigma;
+  before.huber = fit.residual_sigma * options.optimization.huber;
   before.cost = costOf(fit.squared, before.huber);
   before.by_marker = camerasByMarker(before.part.problem);
   before.graph =
-      co_await covisibilityGraph(before.part.problem, options.edges_per_keyframe, allowance);
+      co_await covisibilityGraph(before.part.problem, options.edges_per_keyframe, budget);
   co_return before;
 }
 
-// The problem with its loop closed by the pose graph, before any optimisation of corners. The
+// The problem with its loop closed by the pose graph, before any optimization of corners. The
 // closing frame is its last camera.
 Task<BundleProblem> correctedProblem(const Before& before, const LoopFrame& loop,
                                      const Transform& expected, const LoopOptions& options,
-                                     Allowance* allowance) {
-  const MapPart& part = before.part;
+                                     Budget* budget) {
+  const Subproblem& part = before.part;
   PoseGraph graph = before.graph;
   const int t = static_cast<int>(graph.poses.size());
   const int c = closingCamera(part, loop.loop_markers);
@@ -172,7 +172,7 @@ Task<BundleProblem> correctedProblem(const Before& before, const LoopFrame& loop
   graph.edges.push_back({c, t, graph.poses[at(c)].inverse() * expected});
   graph.poses.push_back(loop.frame.T_w_c);
   graph.fixed = c;
-  (void)co_await optimisePoseGraph(&graph, options.pose_graph, allowance);
+  (void)co_await optimizePoseGraph(&graph, options.pose_graph, budget);
 
   BundleProblem corrected = part.problem;
   for (std::size_t i = 0; i < corrected.cameras.size(); ++i) {
@@ -180,7 +180,7 @@ Task<BundleProblem> correctedProblem(const Before& before, const LoopFrame& loop
   }
   for (std::size_t m = 0; m < corrected.markers.size(); ++m) {
     const std::vector<int>& cameras = before.by_marker[m];
-    co_await allowance->spend(kCorrectView * static_cast<double>(cameras.size()));
+    co_await budget->spend(kCorrectView * static_cast<double>(cameras.size()));
     if (cameras.empty()) continue;
     Transform& T_w_m = corrected.markers[m].T;
     T_w_m = correctedMarker(T_w_m, cameras, part.problem.cameras, graph.poses);
@@ -211,16 +211,16 @@ struct Candidate {
 };
 
 Task<Candidate> tryCandidate(const Before& before, const LoopFrame& loop, const Transform& expected,
-                             const LoopOptions& options, Allowance* allowance) {
-  BundleProblem corrected = co_await correctedProblem(before, loop, expected, options, allowance);
-  BundleAdjuster adjuster(std::move(corrected), options.optimisation);
-  (void)co_await adjuster.run(allowance);
-  const MapFit fit = co_await fitOf(adjuster.problem(), allowance);
+                             const LoopOptions& options, Budget* budget) {
+  BundleProblem corrected = co_await correctedProblem(before, loop, expected, options, budget);
+  BundleAdjuster adjuster(std::move(corrected), options.optimization);
+  (void)co_await adjuster.run(budget);
+  const MapFit fit = co_await fitOf(adjuster.problem(), budget);
 
   Candidate candidate;
   candidate.correction = correctionOf(before.part, adjuster);
   candidate.T_w_closing = adjuster.problem().cameras.back().T;
-  const double unit = before.noise * before.noise;
+  const double unit = before.residual_sigma * before.residual_sigma;
   const std::span<const double> squared(fit.squared);
   const auto old_views = squared.first(4 * before.part.problem.observations.size());
   const auto closing = squared.subspan(old_views.size());
@@ -232,7 +232,7 @@ Task<Candidate> tryCandidate(const Before& before, const LoopFrame& loop, const 
 
 // Of the old views' cost, in units of the noise squared.
 double allowedGrowth(const Before& before, std::size_t loop_markers, const LoopOptions& options) {
-  const double variance = before.noise * before.noise;
+  const double variance = before.residual_sigma * before.residual_sigma;
   const double cost = before.cost / variance;
   const double of_model_errors = cost * (1.0 - 1.0 / variance);
   return static_cast<double>(loop_markers) *
@@ -240,35 +240,36 @@ double allowedGrowth(const Before& before, std::size_t loop_markers, const LoopO
          options.max_growth_of_model_errors * of_model_errors;
 }
 
-// The optimisation may have led the second candidate to the first one's map: no contradiction.
+// The optimization may have led the second candidate to the first one's map: no contradiction.
 bool isAnother(const Candidate& a, const Candidate& b) {
   constexpr double kOtherRotation = 0.05;  // radians, of the closing frame
   return rotationDistance(a.T_w_closing.R, b.T_w_closing.R) > kOtherRotation;
 }
 
-std::optional<LoopRefusal> refusalOf(const Candidate& best, const std::optional<Candidate>& other,
-                                     double allowed, const LoopOptions& options) {
-  if (!(best.growth <= allowed) || !(best.closing_error <= options.worst_closing_error)) {
-    return LoopRefusal::kContradicted;
+std::optional<LoopRejection> rejectionOf(const Candidate& best,
+                                         const std::optional<Candidate>& other, double allowed,
+                                         const LoopOptions& options) {
+  if (!(best.growth <= allowed) || !(best.closing_error <= options.max_closing_error)) {
+    return LoopRejection::kContradicted;
   }
   if (!other || !isAnother(*other, best)) return std::nullopt;
   // Odds, not a quotient of small numbers: both growths above what noise alone makes of them.
   const double floor = 8.0;
   const bool much_worse = std::max(other->growth, 0.0) + floor >=
                           options.ambiguity_ratio * (std::max(best.growth, 0.0) + floor);
-  return much_worse ? std::nullopt : std::optional(LoopRefusal::kAmbiguous);
+  return much_worse ? std::nullopt : std::optional(LoopRejection::kAmbiguous);
 }
 
 }  // namespace
 
 Task<LoopOutcome> closeLoop(const Map& map, LoopFrame loop, const MarkerOptions& markers,
-                            LoopOptions options, Allowance* allowance) {
-  const Before before = co_await prepare(map, markers, options, allowance);
-  if (loop.expected.empty() || before.part.keyframes.empty()) co_return LoopRefusal::kNoEvidence;
+                            LoopOptions options, Budget* budget) {
+  const Before before = co_await prepare(map, markers, options, budget);
+  if (loop.expected.empty() || before.part.keyframes.empty()) co_return LoopRejection::kNoEvidence;
   std::optional<Candidate> best;
   std::optional<Candidate> other;
   for (const Transform& expected : loop.expected) {
-    Candidate candidate = co_await tryCandidate(before, loop, expected, options, allowance);
+    Candidate candidate = co_await tryCandidate(before, loop, expected, options, budget);
     if (best && candidate.growth >= best->growth) {
       other = std::move(candidate);
     } else {
@@ -277,9 +278,9 @@ Task<LoopOutcome> closeLoop(const Map& map, LoopFrame loop, const MarkerOptions&
     }
   }
   const double allowed = allowedGrowth(before, loop.loop_markers.size(), options);
-  if (const auto refusal = refusalOf(*best, other, allowed, options)) co_return *refusal;
+  if (const auto rejection = rejectionOf(*best, other, allowed, options)) co_return *rejection;
   ClosedLoop closed{std::move(best->correction), std::move(loop.frame), {}};
-  closed.T_closing_was = std::exchange(closed.closing.T_w_c, best->T_w_closing);
+  closed.T_w_tracked = std::exchange(closed.closing.T_w_c, best->T_w_closing);
   co_return closed;
 }
 
@@ -287,22 +288,22 @@ std::optional<KeyframeId> adopt(const ClosedLoop& loop, Map* map) {
   if (loop.correction.epoch != map->epoch()) return std::nullopt;
   // What is newer than the correction moves with the closing frame; a marker's second hypothesis
   // moves with its first.
-  const Transform T_now_was = loop.closing.T_w_c * loop.T_closing_was.inverse();
+  const Transform T_new_old = loop.closing.T_w_c * loop.T_w_tracked.inverse();
   const KeyframeId newest = loop.correction.keyframes.back().id;
   for (auto it = map->keyframes().upper_bound(newest); it != map->keyframes().end(); ++it) {
-    map->keyframePose(it->first) = T_now_was * it->second.T_w_c;
+    map->keyframePose(it->first) = T_new_old * it->second.T_w_c;
   }
   std::vector<std::pair<int, Transform>> firsts;
   for (const auto& [id, known] : map->markers()) {
     if (!known.T_w_m) continue;
     MapMarker& marker = map->marker(id);
-    marker.T_w_m = T_now_was * *marker.T_w_m;
+    marker.T_w_m = T_new_old * *marker.T_w_m;
     if (marker.other_T_w_m) firsts.emplace_back(id, *marker.T_w_m);
   }
   (void)apply(loop.correction, map);
   for (const auto& [id, T_w_m] : firsts) {
     MapMarker& marker = map->marker(id);
-    marker.other_T_w_m = *marker.T_w_m * T_w_m.inverse() * T_now_was * *marker.other_T_w_m;
+    marker.other_T_w_m = *marker.T_w_m * T_w_m.inverse() * T_new_old * *marker.other_T_w_m;
   }
   map->beginEpoch();
   Keyframe closing = loop.closing;
@@ -312,14 +313,14 @@ std::optional<KeyframeId> adopt(const ClosedLoop& loop, Map* map) {
 }
 
 Task<PoseGraph> covisibilityGraph(const BundleProblem& problem, int edges_per_keyframe,
-                                  Allowance* allowance) {
+                                  Budget* budget) {
   PoseGraph graph;
   for (const auto& camera : problem.cameras) graph.poses.push_back(camera.T);
   Forest forest(graph.poses.size());
   std::vector<int> degree(graph.poses.size(), 0);
-  const std::vector<Connection> strongest_first = co_await connections(problem, allowance);
+  const std::vector<Connection> strongest_first = co_await connections(problem, budget);
   for (const Connection& connection : strongest_first) {
-    co_await allowance->spend(kConnection);
+    co_await budget->spend(kConnection);
     const std::size_t a = at(connection.a);
     const std::size_t b = at(connection.b);
     const bool in_tree = forest.join(connection.a, connection.b);

@@ -10,7 +10,7 @@
 #include "slam/loop_closure/pose_graph.h"
 #include "slam/map/map.h"
 #include "slam/map/marker_options.h"
-#include "slam/optimisation/map_part.h"
+#include "slam/optimization/subproblem.h"
 
 namespace waymark::slam {
 
@@ -19,11 +19,11 @@ struct LoopOptions {
   // pose graph, so that loops closed before stay closed.
   int edges_per_keyframe = 4;
   PoseGraphOptions pose_graph;
-  BundleOptions optimisation{.max_iterations = 15, .min_relative_decrease = 1e-4};
-  // A closure is refused when it raises the cost of what the map saw before by more than this much,
-  // in units of the noise: a constant, and a share of that cost; times the number of markers that
-  // close it. A true closure takes back drift, which the old views hardly resist; a false one bends
-  // them. One marker alone may have moved; several that agree with each other hardly have.
+  BundleOptions optimization{.max_iterations = 15, .min_relative_decrease = 1e-4};
+  // A closure is rejected when it raises the cost of what the map saw before by more than this
+  // much, in units of the noise: a constant, and a share of that cost; times the number of markers
+  // that close it. A true closure takes back drift, which the old views hardly resist; a false one
+  // bends them. One marker alone may have moved; several that agree with each other hardly have.
   double max_growth = 60.0;
   double max_growth_share = 0.01;
   // Beyond that, by this share of the cost that the corners' own noise does not explain. It comes
@@ -32,14 +32,14 @@ struct LoopOptions {
   double max_growth_of_model_errors = 0.2;
   // Largest mean squared whitened error of the closing frame's corners (2 residuals each), in units
   // of the noise.
-  double worst_closing_error = 12.0;
+  double max_closing_error = 12.0;
   // Of two candidates (one ambiguous marker closes the loop) the better one must be this much
   // better.
   double ambiguity_ratio = 3.0;
   // A closure gets as much of a frame as it needs to be done after so many, before what is not
   // corrected meanwhile has gone far astray: units for each view of a marker, all iterations
   // together. More than Options::work_per_frame only in large maps.
-  double units_per_view = 20.0;
+  double cost_per_view = 20.0;
   double frames_to_close = 60.0;
 };
 
@@ -54,21 +54,21 @@ struct LoopFrame {
 struct ClosedLoop {
   MapCorrection correction;  // of the map as it was when the closing began
   Keyframe closing;          // the closing frame, where it belongs
-  Transform T_closing_was;   // and where it was tracked
+  Transform T_w_tracked;     // and where it was tracked
 };
 
-enum class LoopRefusal {
+enum class LoopRejection {
   kNoEvidence,    // the loop's markers do not say where the frame is
   kContradicted,  // the corrected map does not fit what was seen
   kAmbiguous,     // both candidates fit about equally well
 };
 
-// Finds the correction of the map: pose graph (Eq. 37-39), markers (Eq. 40), optimisation; and
+// Finds the correction of the map: pose graph (Eq. 37-39), markers (Eq. 40), optimization; and
 // tests it. The world stays where it is. The map may go on growing meanwhile. What is given by
 // reference must outlive the task.
-using LoopOutcome = std::variant<ClosedLoop, LoopRefusal>;
+using LoopOutcome = std::variant<ClosedLoop, LoopRejection>;
 Task<LoopOutcome> closeLoop(const Map& map, LoopFrame loop, const MarkerOptions& markers,
-                            LoopOptions options, Allowance* allowance);
+                            LoopOptions options, Budget* budget);
 
 // Corrects the map, and adds the closing frame to it: its id is returned. What came since the
 // closing began moves with that frame. Empty, and nothing is done, when the map's coordinates are
@@ -78,9 +78,9 @@ Task<LoopOutcome> closeLoop(const Map& map, LoopFrame loop, const MarkerOptions&
 // The spanning tree of section 4.9.2 (Kruskal, the strongest connections first) and each camera's
 // strongest edges, as the problem's poses have them.
 Task<PoseGraph> covisibilityGraph(const BundleProblem& problem, int edges_per_keyframe,
-                                  Allowance* allowance);
+                                  Budget* budget);
 
-// The rotation that minimises the sum of squared chordal distances. Precondition: not empty.
+// The rotation that minimizes the sum of squared chordal distances. Precondition: not empty.
 [[nodiscard]] Eigen::Matrix3d meanRotation(std::span<const Eigen::Matrix3d> rotations);
 
 }  // namespace waymark::slam

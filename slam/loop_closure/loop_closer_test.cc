@@ -7,10 +7,10 @@
 #include <gtest/gtest.h>
 
 #include "slam/marker_pose/square_pose.h"
-#include "slam/optimisation/map_optimiser.h"
+#include "slam/optimization/map_optimizer.h"
 #include "slam/testing/scene.h"
 #include "slam/testing/whole_map_fit.h"
-#include "slam/tracking/pose_optimiser.h"
+#include "slam/tracking/pose_optimizer.h"
 
 namespace waymark::slam {
 namespace {
@@ -61,10 +61,10 @@ class LoopCloserTest : public ::testing::Test {
     }
     EXPECT_FALSE(near.empty());
     EXPECT_FALSE(far.empty());
-    const PoseOptimiser optimiser(camera_.focalLength());
+    const PoseOptimizer optimizer(camera_.focalLength());
     loop.frame.detections = detections;
     loop.frame.T_w_c =
-        optimiser.optimise(knownMarkers(map, near), map.keyframes().at(loop.reference).T_w_c)
+        optimizer.optimize(knownMarkers(map, near), map.keyframes().at(loop.reference).T_w_c)
             ->T_w_c;
     for (const MarkerDetection& detection : far) loop.loop_markers.push_back(detection.id);
     if (far.size() == 1) {
@@ -76,7 +76,7 @@ class LoopCloserTest : public ::testing::Test {
     } else {
       const auto known = knownMarkers(map, far);
       const auto guess = map.keyframes().begin()->second.T_w_c;
-      loop.expected = {optimiser.optimise(known, guess)->T_w_c};
+      loop.expected = {optimizer.optimize(known, guess)->T_w_c};
     }
     return loop;
   }
@@ -86,7 +86,8 @@ class LoopCloserTest : public ::testing::Test {
   }
 
   LoopOutcome close(const Map& map, const LoopFrame& loop) {
-    return inOneGo([&](Allowance* a) { return closeLoop(map, loop, options_, LoopOptions{}, a); });
+    return runToCompletion(
+        [&](Budget* a) { return closeLoop(map, loop, options_, LoopOptions{}, a); });
   }
   // The map with the loop closed.
   static Map closedMap(const Map& map, const LoopOutcome& outcome) {
@@ -95,12 +96,13 @@ class LoopCloserTest : public ::testing::Test {
     return closed;
   }
 
-  [[nodiscard]] MapPart wholePart(const Map& map) const {
-    return inOneGo([&](Allowance* a) { return takePart(map, wholeMap(map), options_, a); });
+  [[nodiscard]] Subproblem wholePart(const Map& map) const {
+    return runToCompletion(
+        [&](Budget* a) { return buildSubproblem(map, wholeMap(map), options_, a); });
   }
-  static PoseGraph graphOf(const MapPart& part, int edges_per_keyframe) {
-    return inOneGo(
-        [&](Allowance* a) { return covisibilityGraph(part.problem, edges_per_keyframe, a); });
+  static PoseGraph graphOf(const Subproblem& part, int edges_per_keyframe) {
+    return runToCompletion(
+        [&](Budget* a) { return covisibilityGraph(part.problem, edges_per_keyframe, a); });
   }
 
   // Largest errors of position, metres.
@@ -160,8 +162,8 @@ TEST_F(LoopCloserTest, WhatCameMeanwhileMovesWithTheClosingFrame) {
     const KeyframeId old[] = {8};
     map.removeViews(seen.id, old);
   }
-  InSlices<LoopOutcome> task(
-      [&](Allowance* a) { return closeLoop(map, loop, options_, LoopOptions{}, a); });
+  SlicedTask<LoopOutcome> task(
+      [&](Budget* a) { return closeLoop(map, loop, options_, LoopOptions{}, a); });
   ASSERT_FALSE(task.advance(100.0));
   const Transform T_closing_late{expSo3({0.0, 0.05, 0.0}), {0.1, 0.0, 0.2}};
   const KeyframeId late = map.addKeyframe({-1, 0, 0, loop.frame.T_w_c * T_closing_late, {}});
@@ -193,7 +195,7 @@ TEST_F(LoopCloserTest, TakesOutTheDriftThatNoiseMakes) {
   constexpr int kTrials = 10;
   for (int trial = 0; trial < kTrials; ++trial) {
     Map map = openMap(14, 0.3);
-    (void)optimiseGlobally(&map, options_, {.max_iterations = 50});
+    (void)optimizeGlobally(&map, options_, {.max_iterations = 50});
     const Transform view = testing::roomView(347.0 * kDegree);
     const LoopFrame loop = loopFrame(map, see(view, 0.3));
     const auto outcome = close(map, loop);
@@ -202,7 +204,7 @@ TEST_F(LoopCloserTest, TakesOutTheDriftThatNoiseMakes) {
     drift += (loop.frame.T_w_c.p - view.p).norm() / kTrials;
     beginning += (loop.expected[0].p - view.p).norm() / kTrials;
     after += (closed->closing.T_w_c.p - view.p).norm() / kTrials;
-    EXPECT_LT(testing::wholeMapFit(closedMap(map, outcome)).noise, 1.2)
+    EXPECT_LT(testing::wholeMapFit(closedMap(map, outcome)).residual_sigma, 1.2)
         << "all views fit within their noise";
   }
   EXPECT_GT(drift, 0.2);
@@ -213,7 +215,7 @@ TEST_F(LoopCloserTest, TakesOutTheDriftThatNoiseMakes) {
 // One ambiguous marker is all there is at the other end: two candidates, of which one fits.
 TEST_F(LoopCloserTest, OneAmbiguousMarkerClosesTheLoop) {
   Map map = openMap(14, 0.1);
-  (void)optimiseGlobally(&map, options_, {.max_iterations = 50});
+  (void)optimizeGlobally(&map, options_, {.max_iterations = 50});
   const Transform view = testing::roomView(347.0 * kDegree);
   LoopFrame loop;
   for (int trial = 0; trial < 200 && loop.expected.size() < 2; ++trial) {
@@ -224,7 +226,7 @@ TEST_F(LoopCloserTest, OneAmbiguousMarkerClosesTheLoop) {
   for (int order = 0; order < 2; ++order) {  // whichever comes first
     const auto outcome = close(map, loop);
     ASSERT_TRUE(std::holds_alternative<ClosedLoop>(outcome))
-        << "refusal " << static_cast<int>(std::get<LoopRefusal>(outcome));
+        << "refusal " << static_cast<int>(std::get<LoopRejection>(outcome));
     const Map closed = closedMap(map, outcome);
     const Transform& T_w_c = closed.keyframes().rbegin()->second.T_w_c;
     EXPECT_LT((T_w_c.p - view.p).norm(), (loop.frame.T_w_c.p - view.p).norm());
@@ -236,10 +238,10 @@ TEST_F(LoopCloserTest, OneAmbiguousMarkerClosesTheLoop) {
   }
 }
 
-// Two candidates that the optimisation leads to one and the same map do not contradict each other.
+// Two candidates that the optimization leads to one and the same map do not contradict each other.
 TEST_F(LoopCloserTest, TwoWaysToTheSameMapAreNotAmbiguous) {
   Map map = openMap(24, 0.05);
-  (void)optimiseGlobally(&map, options_, {.max_iterations = 50});
+  (void)optimizeGlobally(&map, options_, {.max_iterations = 50});
   LoopFrame loop = loopFrame(map, see(testing::roomView(345.0 * kDegree), 0.05));
   loop.expected.push_back(testing::disturbed(loop.expected[0], 0.05, &rng_));
   EXPECT_TRUE(std::holds_alternative<ClosedLoop>(close(map, loop)));
@@ -247,9 +249,9 @@ TEST_F(LoopCloserTest, TwoWaysToTheSameMapAreNotAmbiguous) {
 
 // The map has next to no drift; the "loop" is a marker that was carried 20 cm. To believe it would
 // bend a good map.
-TEST_F(LoopCloserTest, RefusesAMarkerThatMoved) {
+TEST_F(LoopCloserTest, RejectsAMarkerThatMoved) {
   Map map = openMap(24, 0.05);
-  (void)optimiseGlobally(&map, options_, {.max_iterations = 50});
+  (void)optimizeGlobally(&map, options_, {.max_iterations = 50});
   ASSERT_LT(keyframeError(map), 0.05);
   const Transform view = testing::roomView(345.0 * kDegree);
   const auto honest = close(map, loopFrame(map, see(view, 0.05)));
@@ -258,12 +260,12 @@ TEST_F(LoopCloserTest, RefusesAMarkerThatMoved) {
   const LoopFrame loop = loopFrame(map, see(view, 0.05));
   ASSERT_EQ(loop.loop_markers, (std::vector<int>{0}));
   const auto moved = close(map, loop);
-  ASSERT_TRUE(std::holds_alternative<LoopRefusal>(moved));
-  EXPECT_EQ(std::get<LoopRefusal>(moved), LoopRefusal::kContradicted);
+  ASSERT_TRUE(std::holds_alternative<LoopRejection>(moved));
+  EXPECT_EQ(std::get<LoopRejection>(moved), LoopRejection::kContradicted);
 }
 
 // A second print of the first marker hangs on the opposite wall: the map would fold.
-TEST_F(LoopCloserTest, RefusesASecondPrint) {
+TEST_F(LoopCloserTest, RejectsASecondPrint) {
   Map map = openMap(24, 0.05);
   markers_[0].T_w_m = testing::markerFacing({-2.4, 0.9, 0.3}, {0.0, 0.6, 0.1});
   // Half way round; the keyframes after it are not there yet.
@@ -271,18 +273,18 @@ TEST_F(LoopCloserTest, RefusesASecondPrint) {
   const LoopFrame loop = loopFrame(map, see(testing::roomView(160.0 * kDegree), 0.05));
   ASSERT_EQ(loop.loop_markers, (std::vector<int>{0}));
   const auto outcome = close(map, loop);
-  ASSERT_TRUE(std::holds_alternative<LoopRefusal>(outcome));
+  ASSERT_TRUE(std::holds_alternative<LoopRejection>(outcome));
 }
 
 // Keyframes that see nothing any more (their markers are in quarantine) are no hindrance, and the
 // second hypothesis of a marker moves along with the first.
-TEST_F(LoopCloserTest, RefusesWhatSaysNothing) {
+TEST_F(LoopCloserTest, RejectsWhatSaysNothing) {
   const Map map = openMap(24, 0.05);
   LoopFrame loop = loopFrame(map, see(testing::roomView(345.0 * kDegree), 0.05));
   loop.expected.clear();
   const auto outcome = close(map, loop);
-  ASSERT_TRUE(std::holds_alternative<LoopRefusal>(outcome));
-  EXPECT_EQ(std::get<LoopRefusal>(outcome), LoopRefusal::kNoEvidence);
+  ASSERT_TRUE(std::holds_alternative<LoopRejection>(outcome));
+  EXPECT_EQ(std::get<LoopRejection>(outcome), LoopRejection::kNoEvidence);
 }
 
 TEST_F(LoopCloserTest, EmptyKeyframesAndSecondHypotheses) {
@@ -298,7 +300,7 @@ TEST_F(LoopCloserTest, EmptyKeyframesAndSecondHypotheses) {
   const Map closed = closedMap(map, outcome);
   EXPECT_LT(keyframeError(closed), 0.05 * keyframeError(map));
   const MapMarker& marker = *closed.find(12);
-  // Only its orientation matters (which of the two has the evidence found?); the optimisation after
+  // Only its orientation matters (which of the two has the evidence found?); the optimization after
   // Eq. 40 does not move it.
   EXPECT_LT(rotationDistance(marker.other_T_w_m->R, (*marker.T_w_m * flip).R), 0.1);
 }
@@ -326,7 +328,7 @@ TEST_F(LoopCloserTest, TheGraphSpansTheMap) {
   map.removeKeyframe(5);  // ids have gaps
   (void)map.addKeyframe({});
   for (const int edges_per_keyframe : {0, 4}) {
-    const MapPart part = wholePart(map);
+    const Subproblem part = wholePart(map);
     const PoseGraph graph = graphOf(part, edges_per_keyframe);
     const std::vector<KeyframeId>& ids = part.keyframes;
     ASSERT_EQ(ids.size(), map.keyframes().size() - 1) << "all but the one that sees nothing";

@@ -20,7 +20,7 @@ struct SplitMarkers {
 
 class LoopDetector {
  public:
-  // Without a reference keyframe (just relocalised, or nothing known in view) all are eligible.
+  // Without a reference keyframe (just relocalized, or nothing known in view) all are eligible.
   void split(std::span<const KnownMarker> known, SplitMarkers* markers) const;
 
   // The reference keyframe f^omega for the next frame, from this one's pose and the detections that

@@ -5,15 +5,15 @@
 namespace waymark::slam {
 
 LoopFrame loopEvidence(Keyframe frame, KeyframeId reference, std::span<const KnownMarker> loop,
-                       const PoseOptimiser& optimiser, double focal_px,
-                       const RelocaliserOptions& options) {
+                       const PoseOptimizer& optimizer, double focal_px,
+                       const RelocalizerOptions& options) {
   LoopFrame evidence{std::move(frame), {}, {}, reference};
   const auto add = [&](const KnownMarker& marker) {
     evidence.loop_markers.push_back(marker.detection->id);
     evidence.frame.detections.push_back(*marker.detection);
   };
-  const auto expected = relocalise(loop, optimiser, focal_px, options);
-  if (expected && optimiser.acceptable(*expected)) {
+  const auto expected = relocalize(loop, optimizer, focal_px, options);
+  if (expected && optimizer.acceptable(*expected)) {
     for (std::size_t i = 0; i < loop.size(); ++i) {
       if (expected->inlier[i]) add(loop[i]);
     }

@@ -4,9 +4,9 @@
 #include <span>
 
 #include "slam/loop_closure/loop_closer.h"
-#include "slam/relocalisation/relocaliser.h"
+#include "slam/relocalization/relocalizer.h"
 #include "slam/tracking/known_marker.h"
-#include "slam/tracking/pose_optimiser.h"
+#include "slam/tracking/pose_optimizer.h"
 
 namespace waymark::slam {
 
@@ -15,7 +15,7 @@ namespace waymark::slam {
 // detections that fit its pose as tracked.
 [[nodiscard]] LoopFrame loopEvidence(Keyframe frame, KeyframeId reference,
                                      std::span<const KnownMarker> loop,
-                                     const PoseOptimiser& optimiser, double focal_px,
-                                     const RelocaliserOptions& options);
+                                     const PoseOptimizer& optimizer, double focal_px,
+                                     const RelocalizerOptions& options);
 
 }  // namespace waymark::slam

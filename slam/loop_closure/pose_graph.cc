@@ -4,7 +4,7 @@
 #include <cmath>
 #include <utility>
 
-#include "slam/optimisation/block_system.h"
+#include "slam/optimization/block_system.h"
 
 namespace waymark::slam {
 namespace {
@@ -26,10 +26,10 @@ constexpr double kEdgeError = 0.15;
 constexpr double kEdge = 0.8;
 
 Task<double> graphCost(const PoseGraph& graph, const std::vector<Transform>& poses, double scale,
-                       Allowance* allowance) {
+                       Budget* budget) {
   double cost = 0.0;
   for (const PoseGraph::Edge& edge : graph.edges) {
-    co_await allowance->spend(kEdgeError);
+    co_await budget->spend(kEdgeError);
     const auto a = static_cast<std::size_t>(edge.a);
     const auto b = static_cast<std::size_t>(edge.b);
     cost += edge.weight * edgeError(poses[a], poses[b], edge.T_a_b, scale).squaredNorm();
@@ -43,14 +43,14 @@ int unknown(const PoseGraph& graph, int pose) {
   return pose < graph.fixed ? pose : pose - 1;
 }
 
-Task<Done> arrange(const PoseGraph& graph, BlockSystem* system, Allowance* allowance) {
+Task<Done> arrange(const PoseGraph& graph, BlockSystem* system, Budget* budget) {
   std::vector<std::vector<int>> neighbours(graph.poses.size() - 1);
   for (const PoseGraph::Edge& edge : graph.edges) {
     const int a = unknown(graph, edge.a);
     const int b = unknown(graph, edge.b);
     if (a >= 0 && b >= 0) neighbours[static_cast<std::size_t>(a)].push_back(b);
   }
-  co_return co_await system->arrange(std::move(neighbours), /*with_globals=*/false, allowance);
+  co_return co_await system->arrange(std::move(neighbours), /*with_globals=*/false, budget);
 }
 
 void addEdge(const PoseGraph& graph, const PoseGraph::Edge& edge, double scale, double lambda,
@@ -82,17 +82,17 @@ void addEdge(const PoseGraph& graph, const PoseGraph::Edge& edge, double scale, 
 
 // The step is left in the system's right sides; false when there is none.
 Task<bool> solve(const PoseGraph& graph, double scale, double lambda, BlockSystem* system,
-                 Allowance* allowance) {
-  (void)co_await system->clear(allowance);
+                 Budget* budget) {
+  (void)co_await system->clear(budget);
   // A pose without an edge stays where it is, and the system is still positive definite.
   for (int i = 0; i < system->poses(); ++i) {
     system->diagonal(i).diagonal().setConstant(1e-12);
   }
   for (const PoseGraph::Edge& edge : graph.edges) {
-    co_await allowance->spend(kEdge);
+    co_await budget->spend(kEdge);
     addEdge(graph, edge, scale, lambda, system);
   }
-  co_return co_await system->solve(allowance);
+  co_return co_await system->solve(budget);
 }
 
 }  // namespace
@@ -121,31 +121,31 @@ EdgeJacobians edgeJacobians(const Transform& T_w_a, const Transform& T_w_b, cons
   return J;
 }
 
-Task<PoseGraphSummary> optimisePoseGraph(PoseGraph* graph, const PoseGraphOptions& options,
-                                         Allowance* allowance) {
+Task<PoseGraphSummary> optimizePoseGraph(PoseGraph* graph, const PoseGraphOptions& options,
+                                         Budget* budget) {
   constexpr double kHopeless = 1e8;
   PoseGraphSummary summary;
   if (graph->poses.empty()) co_return summary;
   const double scale = options.radians_per_metre;
   summary.initial_cost = summary.final_cost =
-      co_await graphCost(*graph, graph->poses, scale, allowance);
+      co_await graphCost(*graph, graph->poses, scale, budget);
   BlockSystem system;
-  (void)co_await arrange(*graph, &system, allowance);
+  (void)co_await arrange(*graph, &system, budget);
   double lambda = 1e-6;
   std::vector<Transform> trial = graph->poses;
   while (summary.iterations < options.max_iterations && lambda < kHopeless) {
     ++summary.iterations;
-    const bool solved = co_await solve(*graph, scale, lambda, &system, allowance);
+    const bool solved = co_await solve(*graph, scale, lambda, &system, budget);
     double cost = summary.final_cost;
     if (solved) {
       for (int i = 0; i < static_cast<int>(trial.size()); ++i) {
         const int row = unknown(*graph, i);
         if (row < 0) continue;
-        co_await allowance->spend(kEdgeError);
+        co_await budget->spend(kEdgeError);
         const auto at = static_cast<std::size_t>(i);
         trial[at] = graph->poses[at].retract(system.right(system.positionOf(row)));
       }
-      cost = co_await graphCost(*graph, trial, scale, allowance);
+      cost = co_await graphCost(*graph, trial, scale, budget);
     }
     if (!solved || !(cost <= summary.final_cost)) {
       lambda *= 10.0;

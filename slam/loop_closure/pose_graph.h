@@ -1,4 +1,4 @@
-// Pose graph optimisation (seed 1, Eq. 37-39): spreads the difference found at a loop's end over
+// Pose graph optimization (seed 1, Eq. 37-39): spreads the difference found at a loop's end over
 // the keyframes of the loop.
 #pragma once
 
@@ -35,8 +35,8 @@ struct PoseGraphSummary {
 };
 
 // Levenberg-Marquardt on Eq. 39, sparse. Improves the poses in place.
-Task<PoseGraphSummary> optimisePoseGraph(PoseGraph* graph, const PoseGraphOptions& options,
-                                         Allowance* allowance);
+Task<PoseGraphSummary> optimizePoseGraph(PoseGraph* graph, const PoseGraphOptions& options,
+                                         Budget* budget);
 
 // An edge's error: translation in metres times radians_per_metre, then rotation vector, radians.
 [[nodiscard]] Vector6d edgeError(const Transform& T_w_a, const Transform& T_w_b,

@@ -13,8 +13,8 @@
 namespace waymark::slam {
 namespace {
 
-PoseGraphSummary optimise(PoseGraph* graph, const PoseGraphOptions& options = {}) {
-  return inOneGo([&](Allowance* a) { return optimisePoseGraph(graph, options, a); });
+PoseGraphSummary optimize(PoseGraph* graph, const PoseGraphOptions& options = {}) {
+  return runToCompletion([&](Budget* a) { return optimizePoseGraph(graph, options, a); });
 }
 
 const PoseGraphOptions kToTheEnd{.max_iterations = 200, .min_relative_decrease = 1e-14};
@@ -89,7 +89,7 @@ TEST(PoseGraph, ExactEdgesGiveTheTruthBack) {
       auto& T = ring.graph.poses[static_cast<std::size_t>(i)];
       T = testing::disturbed(T, 0.1, &rng);
     }
-    const PoseGraphSummary summary = optimise(&ring.graph, kToTheEnd);
+    const PoseGraphSummary summary = optimize(&ring.graph, kToTheEnd);
     EXPECT_GT(summary.initial_cost, 0.1);
     EXPECT_LT(summary.final_cost, 1e-10);
     EXPECT_LT(ring.largestError(), 1e-4);
@@ -107,7 +107,7 @@ TEST(PoseGraph, AClosedLoopTakesTheDriftBack) {
           .norm();
     };
     const double gap_before = gap();
-    (void)optimise(&ring.graph);
+    (void)optimize(&ring.graph);
     // The difference is shared by as many edges as there are: the last one keeps its part.
     EXPECT_LT(gap(), 2.0 * gap_before / count);
     EXPECT_LT(ring.largestError(), 0.5 * before);
@@ -123,10 +123,10 @@ TEST(PoseGraph, AnyPoseCanBeTheFixedOne) {
   const Transform held = ring.graph.poses[7];
   PoseGraph other = ring.graph;
   other.fixed = 0;
-  const double cost = optimise(&ring.graph, kToTheEnd).final_cost;
+  const double cost = optimize(&ring.graph, kToTheEnd).final_cost;
   EXPECT_EQ(ring.graph.poses[7].p, held.p);
   EXPECT_EQ(ring.graph.poses[7].R, held.R);
-  EXPECT_NEAR(cost, optimise(&other, kToTheEnd).final_cost, 1e-6 * cost);
+  EXPECT_NEAR(cost, optimize(&other, kToTheEnd).final_cost, 1e-6 * cost);
 }
 
 struct EdgeResidual {
@@ -169,7 +169,7 @@ TEST(PoseGraph, ReachesTheSameOptimumAsCeres) {
     problem.SetParameterBlockConstant(blocks[0].data());
     const double initial = testing::costWithCeres(&problem);
     const double optimum = testing::solveWithCeres(&problem);
-    const PoseGraphSummary summary = optimise(&ring.graph, kToTheEnd);
+    const PoseGraphSummary summary = optimize(&ring.graph, kToTheEnd);
     EXPECT_NEAR(summary.initial_cost, initial, 1e-6 * initial);
     EXPECT_LT(optimum, 0.9 * initial);
     EXPECT_NEAR(summary.final_cost, optimum, 1e-3 * optimum) << "seed " << seed;
@@ -178,10 +178,10 @@ TEST(PoseGraph, ReachesTheSameOptimumAsCeres) {
 
 TEST(PoseGraph, EmptyGraphsDoNoHarm) {
   PoseGraph empty;
-  EXPECT_EQ(optimise(&empty).final_cost, 0.0);
+  EXPECT_EQ(optimize(&empty).final_cost, 0.0);
   PoseGraph single;
   single.poses = {testing::roomView(1.0)};
-  EXPECT_EQ(optimise(&single).final_cost, 0.0);
+  EXPECT_EQ(optimize(&single).final_cost, 0.0);
   EXPECT_EQ(single.poses[0].p, testing::roomView(1.0).p);
 }
 
@@ -192,13 +192,13 @@ TEST(PoseGraph, WhatIsNotConnectedStaysAndDoesNotHinder) {
     std::mt19937 rng(9);
     Ring ring(count, 0.02, &rng);
     PoseGraph alone = ring.graph;
-    const double cost = optimise(&alone, kToTheEnd).final_cost;
+    const double cost = optimize(&alone, kToTheEnd).final_cost;
 
     const Transform lonely = testing::roomView(0.3);
     const Transform pair[] = {testing::roomView(1.0), testing::roomView(1.2)};
     ring.graph.poses.insert(ring.graph.poses.end(), {lonely, pair[0], pair[1]});
     ring.graph.edges.push_back({count + 1, count + 2, pair[0].inverse() * pair[1]});
-    const PoseGraphSummary summary = optimise(&ring.graph, kToTheEnd);
+    const PoseGraphSummary summary = optimize(&ring.graph, kToTheEnd);
     EXPECT_NEAR(summary.final_cost, cost, 1e-3 * cost);
     const auto n = static_cast<std::size_t>(count);
     EXPECT_LT((ring.graph.poses[n].p - lonely.p).norm(), 1e-9);

@@ -22,7 +22,7 @@ enum class MarkerState {
   kUnresolved,   // seen, but its pose is not known yet (the paper's gamma_m = 0)
   kMapped,       // has a pose
   kQuarantined,  // its views contradict the map or each other; being estimated anew
-  kRefused,      // two prints of one id, or one that never stays: not used any more
+  kBanned,       // two prints of one id, or one that never stays: not used any more
 };
 
 struct MapMarker {
@@ -40,7 +40,7 @@ struct MapMarker {
   [[nodiscard]] std::array<Eigen::Vector3d, 4> cornersInWorld() const;
 };
 
-// A frame kept for optimisation, with the markers it sees (Lambda^i, Eq. 13).
+// A frame kept for optimization, with the markers it sees (Lambda^i, Eq. 13).
 struct Keyframe {
   KeyframeId id = -1;
   std::uint64_t sequence = 0;
@@ -58,7 +58,7 @@ class Map {
  public:
   std::string dictionary;
 
-  // Nothing to localise in. Imported maps have markers with poses, but no keyframes.
+  // Nothing to localize in. Imported maps have markers with poses, but no keyframes.
   [[nodiscard]] bool empty() const;
   [[nodiscard]] const std::map<int, MapMarker>& markers() const { return markers_; }
   // In the order of insertion; the first one fixes the gauge.
@@ -97,7 +97,7 @@ class Map {
   // of an earlier epoch is of no use any more.
   [[nodiscard]] std::uint64_t epoch() const { return epoch_; }
   void beginEpoch() { ++epoch_; }
-  // The lens or its shutter turned out to be another one: the detections' normalised corners follow
+  // The lens or its shutter turned out to be another one: the detections' normalized corners follow
   // from their pixels anew. One that the lens cannot have seen leaves its keyframe.
   void undistortAgain(const CameraModel& camera, double readout_s);
 

@@ -156,7 +156,7 @@ TEST(Map, UndistortAgainFollowsThePixels) {
   map.undistortAgain(CameraModel(other), 0.0);
   for (const MarkerDetection& detection : map.keyframes().at(0).detections) {
     for (std::size_t k = 0; k < 4; ++k) {
-      EXPECT_NEAR(detection.normalised[k].x(), (detection.pixels[k].x() - other.cx) / 600.0, 1e-9);
+      EXPECT_NEAR(detection.normalized[k].x(), (detection.pixels[k].x() - other.cx) / 600.0, 1e-9);
     }
   }
 

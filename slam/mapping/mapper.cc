@@ -4,7 +4,7 @@
 #include <utility>
 #include <vector>
 
-#include "slam/optimisation/map_fit.h"
+#include "slam/optimization/map_fit.h"
 #include "slam/tracking/known_marker.h"
 
 namespace waymark::slam {
@@ -21,7 +21,8 @@ Transform Mapper::begin(const Start& start, Map* map, Counters* counters) {
     pose(marker.id, marker.T_w_m, marker.other_T_w_m, map);
   }
   fixWorld(map);
-  noise_ = optimiseLocally(map, last, markers_, options_.local_optimisation).noise;
+  residual_sigma_ =
+      optimizeLocally(map, last, markers_, options_.local_optimization).residual_sigma;
   return map->keyframes().at(last).T_w_c;
 }
 
@@ -51,17 +52,17 @@ void Mapper::insert(const Keyframe& frame, Map* map, Counters* counters) {
 }
 
 // Section 4.7.
-double Mapper::work(double units, const Map& map) {
+double Mapper::work(double cost, const Map& map) {
   if (!local_ && wanted_) {
     local_keyframe_ = *std::exchange(wanted_, std::nullopt);
-    if (!map.keyframes().contains(local_keyframe_)) return units;
-    local_.emplace([&](Allowance* allowance) {
-      return optimisePart(map, localMap(map, local_keyframe_), markers_,
-                          options_.local_optimisation, allowance);
+    if (!map.keyframes().contains(local_keyframe_)) return cost;
+    local_.emplace([&](Budget* budget) {
+      return optimizeSubproblem(map, localMap(map, local_keyframe_), markers_,
+                                options_.local_optimization, budget);
     });
   }
-  if (!local_ || local_->done()) return units;
-  (void)local_->advance(units);
+  if (!local_ || local_->done()) return cost;
+  (void)local_->advance(cost);
   return local_->left();
 }
 
@@ -69,14 +70,14 @@ std::optional<Transform> Mapper::collect(Map* map, Counters* counters) {
   if (!isDone()) return std::nullopt;
   const MapCorrection correction = local_->take();
   local_.reset();
-  const auto T_now_was = applyAround(local_keyframe_, correction, map);
-  if (!T_now_was) {
+  const auto T_new_old = applyAround(local_keyframe_, correction, map);
+  if (!T_new_old) {
     if (!wanted_) wanted_ = local_keyframe_;  // once more, in the new coordinates
     return std::nullopt;
   }
-  noise_ = correction.summary.noise;
+  residual_sigma_ = correction.summary.residual_sigma;
   counters->gated_views += static_cast<std::uint64_t>(correction.summary.gated_views);
-  return T_now_was;
+  return T_new_old;
 }
 
 // A new pose is as sure as the views that it comes from.
@@ -86,7 +87,7 @@ void Mapper::pose(int marker_id, const Transform& T_w_m, const std::optional<Tra
   marker.state = MarkerState::kMapped;
   marker.T_w_m = T_w_m;
   marker.other_T_w_m = other;
-  marker.covariance = markerCovariance(*map, marker_id, noise_);
+  marker.covariance = markerCovariance(*map, marker_id, residual_sigma_);
 }
 
 // Rules 1 and 2a: markers without a pose that this frame alone decides. One in quarantine has to
@@ -106,11 +107,12 @@ std::vector<InitialMarker> Mapper::unambiguousNewMarkers(
 }
 
 void Mapper::resolveAll(Map* map) {
-  const MapPart whole =
-      inOneGo([&](Allowance* a) { return takePart(*map, wholeMap(*map), markers_, a); });
-  noise_ = inOneGo([&](Allowance* a) { return fitOf(whole.problem, a); }).noise;
+  const Subproblem whole = runToCompletion(
+      [&](Budget* a) { return buildSubproblem(*map, wholeMap(*map), markers_, a); });
+  residual_sigma_ =
+      runToCompletion([&](Budget* a) { return fitOf(whole.problem, a); }).residual_sigma;
   for (const auto& [id, known] : map->markers()) {
-    if (known.T_w_m || known.state == MarkerState::kRefused) continue;
+    if (known.T_w_m || known.state == MarkerState::kBanned) continue;
     // Views from before it moved, or of cameras that are in the wrong place, go one by one.
     MarkerResolution found = resolution(id, options_.marker_pose.min_views, *map);
     while (found.verdict == ResolverVerdict::kContradictory) {
@@ -159,11 +161,11 @@ MarkerResolution Mapper::resolution(int marker_id, int min_views, const Map& map
   }
   MarkerResolverOptions options = options_.marker_pose;
   options.min_views = min_views;
-  return resolveMarkerPose(views, map.find(marker_id)->size_m, focal_px_, noise_, options);
+  return resolveMarkerPose(views, map.find(marker_id)->size_m, focal_px_, residual_sigma_, options);
 }
 
 // Moves the map where the origin marker, or the first anchor that has a pose, says it is. Later
-// anchors pull in the optimisations.
+// anchors pull in the optimizations.
 void Mapper::fixWorld(Map* map) {
   if (world_fixed_) return;
   if (markers_.origin_marker) {

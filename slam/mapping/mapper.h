@@ -1,5 +1,5 @@
 // The map's growth, frame by frame (seed 1, sections 4.4 to 4.7): keyframes, new markers, ambiguous
-// markers, local optimisation, culling; and what fixes the world.
+// markers, local optimization, culling; and what fixes the world.
 #pragma once
 
 #include <optional>
@@ -7,19 +7,19 @@
 
 #include "base/task.h"
 #include "slam/counters.h"
-#include "slam/initialisation/initialiser.h"
+#include "slam/initialization/initializer.h"
 #include "slam/keyframes/keyframe_policy.h"
 #include "slam/map/map.h"
 #include "slam/map/marker_options.h"
 #include "slam/marker_pose/marker_resolver.h"
-#include "slam/optimisation/map_optimiser.h"
+#include "slam/optimization/map_optimizer.h"
 
 namespace waymark::slam {
 
 struct MapperOptions {
   KeyframeOptions keyframes;
   MarkerResolverOptions marker_pose;
-  BundleOptions local_optimisation{.max_iterations = 5, .min_relative_decrease = 1e-3};
+  BundleOptions local_optimization{.max_iterations = 5, .min_relative_decrease = 1e-3};
 };
 
 class Mapper {
@@ -34,22 +34,22 @@ class Mapper {
   // pose, and those the map does not know.
   [[nodiscard]] bool wants(std::span<const MarkerDetection> detections, const Transform& T_w_c,
                            const Map& map) const;
-  // Makes the frame a keyframe. A local optimisation around it is wanted then: work() does it.
+  // Makes the frame a keyframe. A local optimization around it is wanted then: work() does it.
   void insert(const Keyframe& frame, Map* map, Counters* counters);
   // Section 4.5 for all markers without a pose, as sure as the whole map is of itself: what could
   // not be decided as the frames came may be with more views and better cameras.
   void resolveAll(Map* map);
-  // A slice of the local optimisation, and the next one when one is done. The units left.
-  double work(double units, const Map& map);
-  // Puts a local optimisation that is done into the map. What that did to the keyframe it was for:
-  // T_now_was; empty when none is done.
+  // A slice of the local optimization, and the next one when one is done. The units left.
+  double work(double cost, const Map& map);
+  // Puts a local optimization that is done into the map. What that did to the keyframe it was for:
+  // T_new_old; empty when none is done.
   std::optional<Transform> collect(Map* map, Counters* counters);
   [[nodiscard]] bool isDone() const { return local_ && local_->done(); }
   // Nothing is wanted, and nothing waits to be collected.
   [[nodiscard]] bool idle() const { return !local_ && !wanted_; }
 
   // Standard deviation of the map's whitened residuals as of late, at least 1.
-  [[nodiscard]] double noise() const { return noise_; }
+  [[nodiscard]] double residual_sigma() const { return residual_sigma_; }
 
  private:
   [[nodiscard]] std::vector<InitialMarker> unambiguousNewMarkers(
@@ -63,9 +63,9 @@ class Mapper {
   MarkerOptions markers_;
   double focal_px_;
   MapperOptions options_;
-  double noise_ = 1.0;
-  // The local optimisation under way, and the keyframe it is for; and the one that wants the next.
-  std::optional<InSlices<MapCorrection>> local_;
+  double residual_sigma_ = 1.0;
+  // The local optimization under way, and the keyframe it is for; and the one that wants the next.
+  std::optional<SlicedTask<MapCorrection>> local_;
   KeyframeId local_keyframe_ = -1;
   std::optional<KeyframeId> wanted_;
   bool world_fixed_ = false;  // by an origin marker or an anchor

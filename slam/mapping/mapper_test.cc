@@ -35,14 +35,14 @@ class MapperTest : public ::testing::Test {
   std::unique_ptr<Mapper> begun(Map* map) {
     auto mapper = std::make_unique<Mapper>(options_, camera_.focalLength(), MapperOptions{});
     Start start{{frame(0)}, {}};
-    start.markers = initialiseFromOneFrame(start.keyframes[0].detections, options_,
+    start.markers = initializeFromOneFrame(start.keyframes[0].detections, options_,
                                            camera_.focalLength(), 3.0, {});
     EXPECT_GE(start.markers.size(), 2U);
     (void)mapper->begin(start, map, &counters_);
     return mapper;
   }
 
-  // With the local optimisation done. The keyframe's pose then; empty when it is none.
+  // With the local optimization done. The keyframe's pose then; empty when it is none.
   std::optional<Transform> update(Mapper* mapper, const Keyframe& keyframe, bool force, Map* map) {
     if (!force && !mapper->wants(keyframe.detections, keyframe.T_w_c, *map)) return std::nullopt;
     mapper->insert(keyframe, map, &counters_);
@@ -97,11 +97,11 @@ TEST_F(MapperTest, GrowsTheMapAndKeepsItTrue) {
   EXPECT_GE(map.keyframes().size(), 5U);
   EXPECT_EQ(counters_.keyframes_added, map.keyframes().size());
   expectTruth(map, view(0).inverse(), 0.02);
-  EXPECT_LT(mapper->noise(), 1.5) << "the corners' covariances say it all";
+  EXPECT_LT(mapper->residual_sigma(), 1.5) << "the corners' covariances say it all";
 }
 
-// Keyframes come while the local optimisation of an earlier one is under way.
-TEST_F(MapperTest, OptimisesInSlicesWhileTheMapGrows) {
+// Keyframes come while the local optimization of an earlier one is under way.
+TEST_F(MapperTest, OptimizesInSlicesWhileTheMapGrows) {
   Map map;
   const auto mapper = begun(&map);
   int collected = 0;
@@ -113,7 +113,7 @@ TEST_F(MapperTest, OptimisesInSlicesWhileTheMapGrows) {
     }
   }
   EXPECT_GT(collected, 0);
-  EXPECT_LT(collected, 9) << "too little was given to optimise after each";
+  EXPECT_LT(collected, 9) << "too little was given to optimize after each";
   EXPECT_FALSE(mapper->idle());
   while (!mapper->idle()) {
     (void)mapper->work(20.0, map);

@@ -6,7 +6,7 @@
 #include <limits>
 #include <vector>
 
-#include "slam/geometry/minimise_pose.h"
+#include "slam/geometry/minimize_pose.h"
 #include "slam/geometry/reprojection.h"
 
 namespace waymark::slam {
@@ -34,7 +34,7 @@ double costOf(const Transform& T_w_m, std::span<const WhitenedView> views, doubl
   for (const WhitenedView& whitened : views) {
     for (std::size_t k = 0; k < 4; ++k) {
       const auto squared = squaredError(whitened.view->T_w_c, T_w_m * corners[k],
-                                        whitened.view->detection->normalised[k], whitened.W[k]);
+                                        whitened.view->detection->normalized[k], whitened.W[k]);
       if (!squared) return std::numeric_limits<double>::infinity();
       cost += *squared;
     }
@@ -43,7 +43,7 @@ double costOf(const Transform& T_w_m, std::span<const WhitenedView> views, doubl
 }
 
 // False when a corner is not in front of a camera.
-bool linearise(const Transform& T_w_m, std::span<const WhitenedView> views, double size_m,
+bool linearize(const Transform& T_w_m, std::span<const WhitenedView> views, double size_m,
                PoseNormal* normal) {
   const auto corners = markerCorners(size_m);
   for (const WhitenedView& whitened : views) {
@@ -53,7 +53,7 @@ bool linearise(const Transform& T_w_m, std::span<const WhitenedView> views, doub
       if (!projectPoint(whitened.view->T_w_c, p, &projection)) return false;
       const Eigen::Matrix2d& W = whitened.W[k];
       const Eigen::Vector2d r =
-          W * (projection.normalised - whitened.view->detection->normalised[k]);
+          W * (projection.normalized - whitened.view->detection->normalized[k]);
       const Matrix26d J = W * markerJacobian(T_w_m, p, projection.J_point);
       normal->cost += r.squaredNorm();
       normal->H += J.transpose() * J;
@@ -71,8 +71,8 @@ struct Candidate {
 Candidate refine(const Candidate& candidate, std::span<const WhitenedView> views, double size_m) {
   constexpr int kIterations = 8;
   const auto refined =
-      minimisePose(candidate.T_w_m, kIterations, [&](const Transform& T_w_m, PoseNormal* normal) {
-        return linearise(T_w_m, views, size_m, normal);
+      minimizePose(candidate.T_w_m, kIterations, [&](const Transform& T_w_m, PoseNormal* normal) {
+        return linearize(T_w_m, views, size_m, normal);
       });
   return refined ? Candidate{refined->T, refined->normal.cost} : candidate;
 }
@@ -117,7 +117,7 @@ double meanCornerVariance(std::span<const MarkerView> views) {
 }  // namespace
 
 MarkerResolution resolveMarkerPose(std::span<const MarkerView> views, double size_m,
-                                   double focal_px, double noise,
+                                   double focal_px, double residual_sigma,
                                    const MarkerResolverOptions& options) {
   MarkerResolution resolution;
   if (static_cast<int>(views.size()) < options.min_views) return resolution;
@@ -142,7 +142,7 @@ MarkerResolution resolveMarkerPose(std::span<const MarkerView> views, double siz
     break;  // candidates are sorted: the first true alternative is the strongest
   }
   const double n = static_cast<double>(views.size());
-  if (!(best.cost <= options.worst_chi2_per_view * noise * noise * n)) {
+  if (!(best.cost <= options.max_chi2_per_view * residual_sigma * residual_sigma * n)) {
     resolution.verdict = ResolverVerdict::kContradictory;
     resolution.worst_view = worstView(best.T_w_m, whitened, size_m);
     return resolution;

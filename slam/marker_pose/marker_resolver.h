@@ -22,7 +22,7 @@ struct MarkerResolverOptions {
   // Largest acceptable mean chi-square per view of the best pose (8 residuals each), in units of
   // the map's noise. Above it the views contradict each other: the marker moved between them, or
   // its size is wrong.
-  double worst_chi2_per_view = 200.0;
+  double max_chi2_per_view = 200.0;
   SquarePoseOptions square;
 };
 
@@ -46,10 +46,10 @@ struct MarkerResolution {
   double ratio = 1.0;                    // how much better the best one explains the views
 };
 
-// Eq. 24-27: of the two solutions of each view, the one that minimises the reprojection error in
+// Eq. 24-27: of the two solutions of each view, the one that minimizes the reprojection error in
 // all of them, refined over all views. noise: standard deviation of the map's whitened residuals.
 [[nodiscard]] MarkerResolution resolveMarkerPose(std::span<const MarkerView> views, double size_m,
-                                                 double focal_px, double noise,
+                                                 double focal_px, double residual_sigma,
                                                  const MarkerResolverOptions& options = {});
 
 }  // namespace waymark::slam

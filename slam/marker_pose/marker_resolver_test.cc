@@ -99,14 +99,14 @@ TEST_F(MarkerResolverTest, KeepsTheSecondHypothesis) {
 TEST_F(MarkerResolverTest, NamesTheViewThatContradictsTheOthers) {
   for (const std::size_t wrong : {0U, 3U, 5U}) {
     auto many = views(6, 0.35);
-    for (auto& corner : detections_[wrong].normalised) corner.x() += 12.0 / camera_.focalLength();
+    for (auto& corner : detections_[wrong].normalized) corner.x() += 12.0 / camera_.focalLength();
     const auto found = resolveMarkerPose(many, kSize, camera_.focalLength(), 1.0);
     ASSERT_EQ(found.verdict, ResolverVerdict::kContradictory);
     EXPECT_EQ(found.worst_view, wrong);
   }
 }
 
-TEST_F(MarkerResolverTest, RefusesViewsThatContradictEachOther) {
+TEST_F(MarkerResolverTest, RejectsViewsThatContradictEachOther) {
   auto many = views(8, 0.35);
   for (std::size_t i = 0; i < many.size(); i += 2) many[i].T_w_c.p.x() += 0.5;  // wrong poses
   const auto found = resolveMarkerPose(many, kSize, camera_.focalLength(), 1.0);

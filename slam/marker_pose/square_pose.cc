@@ -7,7 +7,7 @@
 #include <Eigen/LU>
 
 #include "slam/geometry/homography.h"
-#include "slam/geometry/minimise_pose.h"
+#include "slam/geometry/minimize_pose.h"
 #include "slam/geometry/reprojection.h"
 
 namespace waymark::slam {
@@ -23,7 +23,7 @@ Eigen::Matrix3d rotationToRay(const Eigen::Vector2d& v) {
 // n * (r3 X + tz) - (r12 X + txy) = 0.
 Eigen::Vector3d translationFor(const Eigen::Matrix3d& R,
                                const std::array<Eigen::Vector3d, 4>& corners,
-                               const std::array<Eigen::Vector2d, 4>& normalised) {
+                               const std::array<Eigen::Vector2d, 4>& normalized) {
   Eigen::Matrix3d A = Eigen::Matrix3d::Zero();
   Eigen::Vector3d b = Eigen::Vector3d::Zero();
   for (std::size_t i = 0; i < 4; ++i) {
@@ -31,8 +31,8 @@ Eigen::Vector3d translationFor(const Eigen::Matrix3d& R,
     for (int k = 0; k < 2; ++k) {
       Eigen::Vector3d row = Eigen::Vector3d::Zero();
       row[k] = 1.0;
-      row.z() = -normalised[i][k];
-      const double rhs = normalised[i][k] * x.z() - x[k];
+      row.z() = -normalized[i][k];
+      const double rhs = normalized[i][k] * x.z() - x[k];
       A += row * row.transpose();
       b += row * rhs;
     }
@@ -80,17 +80,17 @@ std::optional<std::array<Eigen::Matrix3d, 2>> ippeRotations(const Eigen::Matrix3
 }
 
 // The pose of one marker in the camera frame, refined on the corners' whitened errors.
-std::optional<MinimisedPose> refine(const Transform& start,
+std::optional<MinimizedPose> refine(const Transform& start,
                                     const std::array<Eigen::Vector3d, 4>& corners,
                                     const MarkerDetection& detection, const WhitenedCorners& W,
                                     int iterations) {
   const Transform camera;  // the identity: the "world" here is the camera
-  return minimisePose(start, iterations, [&](const Transform& T_c_m, PoseNormal* normal) {
+  return minimizePose(start, iterations, [&](const Transform& T_c_m, PoseNormal* normal) {
     for (std::size_t i = 0; i < 4; ++i) {
       const Eigen::Vector3d p = T_c_m * corners[i];
       Projection projection;
       if (!projectPoint(camera, p, &projection)) return false;
-      const Eigen::Vector2d r = W[i] * (projection.normalised - detection.normalised[i]);
+      const Eigen::Vector2d r = W[i] * (projection.normalized - detection.normalized[i]);
       const Matrix26d J = W[i] * markerJacobian(T_c_m, p, projection.J_point);
       normal->cost += r.squaredNorm();
       normal->H += J.transpose() * J;
@@ -102,7 +102,7 @@ std::optional<MinimisedPose> refine(const Transform& start,
 
 // Both IPPE solutions, unrefined.
 std::optional<std::array<Transform, 2>> ippePoses(const MarkerDetection& detection, double size_m) {
-  const auto from_unit = homographyFromUnitSquare(detection.normalised);
+  const auto from_unit = homographyFromUnitSquare(detection.normalized);
   if (!from_unit) return std::nullopt;
   // Marker coordinates (x right, y up, origin at the centre) to the unit square (v down).
   Eigen::Matrix3d unit_from_marker;
@@ -114,7 +114,7 @@ std::optional<std::array<Transform, 2>> ippePoses(const MarkerDetection& detecti
   std::array<Transform, 2> poses;
   for (std::size_t k = 0; k < 2; ++k) {
     const Eigen::Matrix3d& R = (*rotations)[k];
-    poses[k] = {R, translationFor(R, corners, detection.normalised)};
+    poses[k] = {R, translationFor(R, corners, detection.normalized)};
   }
   return poses;
 }
@@ -134,7 +134,7 @@ std::optional<SquarePose> estimateSquarePose(const MarkerDetection& detection, d
   if (!starts) return std::nullopt;
   const WhitenedCorners W = whitening(detection.covariance);
   const std::array<Eigen::Vector3d, 4> corners = markerCorners(size_m);
-  std::array<MinimisedPose, 2> refined;
+  std::array<MinimizedPose, 2> refined;
   for (std::size_t k = 0; k < 2; ++k) {
     const auto found = refine((*starts)[k], corners, detection, W, options.refinement_iterations);
     if (!found) return std::nullopt;

@@ -33,7 +33,7 @@ struct SquarePose {
   [[nodiscard]] bool unambiguous(double tau_e) const { return ratio > tau_e; }
 };
 
-// Mean variance of a detection's corner coordinates, normalised.
+// Mean variance of a detection's corner coordinates, normalized.
 [[nodiscard]] inline double cornerVariance(const MarkerDetection& detection) {
   double variance = 0.0;
   for (const Eigen::Matrix2d& covariance : detection.covariance) {
@@ -44,7 +44,7 @@ struct SquarePose {
 
 // What is added to the squared whitened errors of `views` views of a marker before two hypotheses
 // are compared; see SquarePoseOptions. corner_variance: mean variance of a corner coordinate,
-// normalised.
+// normalized.
 [[nodiscard]] inline double comparisonFloor(double corner_variance, double focal_px, int views,
                                             const SquarePoseOptions& options) {
   const double systematic = options.systematic_sigma_px / focal_px;
@@ -53,7 +53,7 @@ struct SquarePose {
 
 // Both IPPE solutions, each refined by Gauss-Newton on the whitened reprojection error. Empty for
 // corners that are not the convex image of a square in front of the camera.
-// focal_px converts the systematic sigma to normalised units.
+// focal_px converts the systematic sigma to normalized units.
 [[nodiscard]] std::optional<SquarePose> estimateSquarePose(const MarkerDetection& detection,
                                                            double size_m, double focal_px,
                                                            const SquarePoseOptions& options = {});

@@ -132,10 +132,10 @@ TEST_F(SquarePoseTest, AnUnambiguousPoseIsTheRightOne) {
 TEST_F(SquarePoseTest, DegenerateCornersHaveNoPose) {
   MarkerDetection detection;
   detection.covariance.fill(1e-8 * Eigen::Matrix2d::Identity());
-  detection.normalised.fill(Eigen::Vector2d(0.1, 0.1));  // all in one place
+  detection.normalized.fill(Eigen::Vector2d(0.1, 0.1));  // all in one place
   EXPECT_FALSE(estimateSquarePose(detection, 0.1, 500.0));
   for (std::size_t k = 0; k < 4; ++k) {
-    detection.normalised[k] = {0.05 * static_cast<double>(k), 0.0};  // on one line
+    detection.normalized[k] = {0.05 * static_cast<double>(k), 0.0};  // on one line
   }
   EXPECT_FALSE(estimateSquarePose(detection, 0.1, 500.0));
 }

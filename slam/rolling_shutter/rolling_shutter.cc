@@ -19,8 +19,8 @@ MarkerDetection atMidFrame(const MarkerDetection& seen, const CameraModel& camer
   MarkerDetection corrected = seen;
   for (std::size_t k = 0; k < 4; ++k) {
     const double late_s = readout_s * rowTime(seen.pixels[k].y(), camera.height());
-    const Eigen::Vector3d p_c = depth_m[k] * seen.normalised[k].homogeneous();
-    corrected.normalised[k] -= late_s * imageVelocity(p_c, twist);
+    const Eigen::Vector3d p_c = depth_m[k] * seen.normalized[k].homogeneous();
+    corrected.normalized[k] -= late_s * imageVelocity(p_c, twist);
   }
   return corrected;
 }
@@ -28,7 +28,7 @@ MarkerDetection atMidFrame(const MarkerDetection& seen, const CameraModel& camer
 std::array<double, 4> depthFromSize(const MarkerDetection& seen, double size_m) {
   double perimeter = 0.0;
   for (std::size_t k = 0; k < 4; ++k) {
-    perimeter += (seen.normalised[(k + 1) % 4] - seen.normalised[k]).norm();
+    perimeter += (seen.normalized[(k + 1) % 4] - seen.normalized[k]).norm();
   }
   std::array<double, 4> depth_m;
   depth_m.fill(4.0 * size_m / std::max(perimeter, 1e-9));
@@ -63,8 +63,8 @@ std::optional<MarkerDetection> deskewed(const MarkerDetection& seen, const Camer
 bool believable(double estimated_s, double sigma_s, double in_use_s,
                 const RollingShutterOptions& options) {
   const double length = std::abs(estimated_s);
-  if (length > options.longest_s || length < options.least_s) return false;
-  if (length < options.least_sigmas * sigma_s) return false;
+  if (length > options.max_s || length < options.min_s) return false;
+  if (length < options.min_sigmas * sigma_s) return false;
   // A change moves every corner of the map: not for what noise does to the estimate.
   return std::abs(estimated_s - in_use_s) > 2.0 * sigma_s;
 }

@@ -1,7 +1,7 @@
 // Rolling shutters: the rows of an image are read one after the other, so a moving camera sees each
 // marker at a time of its own. Corners are moved to where the middle row's time would have shown
-// them. The readout time itself is learned: it is one more unknown of an optimisation of the
-// newest keyframes (map_optimiser.h). Beyond seed 1, which takes every camera for a global shutter.
+// them. The readout time itself is learned: it is one more unknown of an optimization of the
+// newest keyframes (map_optimizer.h). Beyond seed 1, which takes every camera for a global shutter.
 #pragma once
 
 #include <array>
@@ -16,7 +16,7 @@ namespace waymark::slam {
 // Velocity of the camera in its own frame: metres per second, then radians per second.
 using Twist = Vector6d;
 
-// How fast the image of a point in the camera frame moves, in normalised coordinates per second.
+// How fast the image of a point in the camera frame moves, in normalized coordinates per second.
 // Precondition: p_c.z() > 0.
 [[nodiscard]] Eigen::Vector2d imageVelocity(const Eigen::Vector3d& p_c, const Twist& twist);
 
@@ -25,7 +25,7 @@ using Twist = Vector6d;
   return row_px / (height_px - 1) - 0.5;
 }
 
-// The detection with `normalised`, given as seen, as at the middle row's time. depth_m: of each
+// The detection with `normalized`, given as seen, as at the middle row's time. depth_m: of each
 // corner.
 [[nodiscard]] MarkerDetection atMidFrame(const MarkerDetection& seen, const CameraModel& camera,
                                          const Twist& twist, const std::array<double, 4>& depth_m,
@@ -38,7 +38,7 @@ using Twist = Vector6d;
                                                                  const Transform& T_w_m,
                                                                  double size_m);
 
-// The detection as a global shutter would have shown it: `normalised` follows from the pixels,
+// The detection as a global shutter would have shown it: `normalized` follows from the pixels,
 // which stay as they were seen. T_w_m: the marker's pose, where the map knows it. Empty when a
 // corner is outside the lens's range.
 [[nodiscard]] std::optional<MarkerDetection> deskewed(const MarkerDetection& seen,
@@ -55,15 +55,15 @@ struct RollingShutterOptions {
   double learned_s = 0.0;
   // A learned readout is believed from this length on, seconds, and only if it is this many of its
   // standard deviations long: lens and map errors look like a little of it.
-  double least_s = 0.003;
-  double least_sigmas = 8.0;
-  double longest_s = 0.1;
+  double min_s = 0.003;
+  double min_sigmas = 8.0;
+  double max_s = 0.1;
   // It is estimated when the map has this many keyframes, and again whenever it has grown by the
-  // factor, from the newest ones of them, at most so many. Each time costs an optimisation of
+  // factor, from the newest ones of them, at most so many. Each time costs an optimization of
   // those; of the whole map, when a new readout time is believed.
   int first_keyframes = 8;
   double growth = 1.4;
-  int most_keyframes = 100;
+  int max_keyframes = 100;
 };
 
 // Whether an estimate is to be used instead of the readout time in use.

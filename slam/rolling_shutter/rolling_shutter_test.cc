@@ -5,7 +5,7 @@
 #include <gtest/gtest.h>
 
 #include "slam/map/map.h"
-#include "slam/optimisation/map_optimiser.h"
+#include "slam/optimization/map_optimizer.h"
 #include "slam/testing/synthetic.h"
 
 namespace waymark::slam {
@@ -38,9 +38,9 @@ std::optional<MarkerDetection> observeRolling(const CameraModel& camera, const T
       seen->pixels[k] = *pixel;
     }
     seen->pixels[k] += Eigen::Vector2d(noise(*rng), noise(*rng));
-    const auto normalised = camera.undistort(seen->pixels[k]);
-    if (!normalised) return std::nullopt;
-    seen->normalised[k] = *normalised;
+    const auto normalized = camera.undistort(seen->pixels[k]);
+    if (!normalized) return std::nullopt;
+    seen->normalized[k] = *normalized;
   }
   return seen;
 }
@@ -68,7 +68,7 @@ class RollingShutterTest : public ::testing::Test {
   }
 
   std::optional<ReadoutEstimate> estimate(const Map& map, double readout_s, int keyframes) {
-    return inOneGo([&](Allowance* a) {
+    return runToCompletion([&](Budget* a) {
       return estimateReadout(map, options_, readout_s, camera_, keyframes, bundle_, a);
     });
   }
@@ -105,7 +105,7 @@ TEST_F(RollingShutterTest, CornersComeBackToTheMiddleRowsTime) {
     const MarkerDetection corrected = atMidFrame(*seen, camera_, twist, *depth_m, kReadout_s);
     for (std::size_t k = 0; k < 4; ++k) {
       worst_skewed_px = std::max(worst_skewed_px, (seen->pixels[k] - truth->pixels[k]).norm());
-      const double left = (corrected.normalised[k] - truth->normalised[k]).norm();
+      const double left = (corrected.normalized[k] - truth->normalized[k]).norm();
       EXPECT_LT(camera_.focalLength() * left, 0.1) << "marker " << marker.id;
       EXPECT_EQ(corrected.pixels[k], seen->pixels[k]);
     }
@@ -130,7 +130,7 @@ TEST_F(RollingShutterTest, TheReadoutTimeIsFoundWithTheMap) {
   EXPECT_TRUE(believable(found->readout_s, found->sigma_s, 0.0, {}));
   // Corrected with what was found, nothing is left to find.
   map.undistortAgain(camera_, found->readout_s);
-  (void)optimiseGlobally(&map, options_, bundle_);
+  (void)optimizeGlobally(&map, options_, bundle_);
   const auto again = estimate(map, found->readout_s, kAll);
   ASSERT_TRUE(again);
   EXPECT_NEAR(again->readout_s, found->readout_s, found->sigma_s);

@@ -1,4 +1,4 @@
-// Views of markers that are ambiguous one by one, for the tests of initialisation.
+// Views of markers that are ambiguous one by one, for the tests of initialization.
 #pragma once
 
 #include <random>
@@ -7,7 +7,7 @@
 
 #include <gtest/gtest.h>
 
-#include "slam/initialisation/one_frame.h"
+#include "slam/initialization/one_frame.h"
 #include "slam/testing/scene.h"
 
 namespace waymark::slam::testing {
@@ -31,7 +31,7 @@ class AmbiguousMarkersTest : public ::testing::Test {
   using Pair = std::pair<std::vector<MarkerDetection>, std::vector<MarkerDetection>>;
   Pair ambiguousPair(const Transform& T_w_0, const Transform& T_w_1) {
     const auto ambiguous = [&](const std::vector<MarkerDetection>& detections) {
-      return initialiseFromOneFrame(detections, options_, camera_.focalLength(), 3.0, {}).empty();
+      return initializeFromOneFrame(detections, options_, camera_.focalLength(), 3.0, {}).empty();
     };
     for (int i = 0; i < 1000; ++i) {
       Pair pair{observe(T_w_0), observe(T_w_1)};

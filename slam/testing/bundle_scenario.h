@@ -5,7 +5,7 @@
 #include <random>
 #include <vector>
 
-#include "slam/optimisation/bundle_problem.h"
+#include "slam/optimization/bundle_problem.h"
 #include "slam/testing/scene.h"
 
 namespace waymark::slam::testing {
@@ -40,14 +40,14 @@ struct BundleScenario {
   BundleScenario(const BundleScenario&) = delete;
   BundleScenario& operator=(const BundleScenario&) = delete;
 
-  // The lens is unknown, and expected where `off` says. The detections' normalised corners are what
+  // The lens is unknown, and expected where `off` says. The detections' normalized corners are what
   // that wrong lens makes of the pixels.
   void disturbLens(const IntrinsicVector& off, const IntrinsicVector& sigma) {
     const IntrinsicVector expected = camera.intrinsics() + off;
     const CameraModel wrong(camera.withIntrinsics(expected));
     for (MarkerDetection& detection : detections) {
       for (std::size_t k = 0; k < 4; ++k) {
-        detection.normalised[k] = *wrong.undistort(detection.pixels[k]);
+        detection.normalized[k] = *wrong.undistort(detection.pixels[k]);
       }
     }
     problem.lens = {wrong, wrong, expected, sigma};

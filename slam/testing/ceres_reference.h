@@ -11,7 +11,7 @@
 #include <Eigen/LU>
 #include <ceres/ceres.h>
 
-#include "slam/optimisation/bundle_problem.h"
+#include "slam/optimization/bundle_problem.h"
 
 namespace waymark::slam::testing {
 
@@ -89,7 +89,7 @@ class CeresBundle {
     bool operator()(const double* camera, const double* marker, double* residual) const {
       const Eigen::Vector3d x = inCamera(camera, marker, size_m, k);
       Eigen::Map<Eigen::Vector2d>(residual, 2) =
-          whitening * (Eigen::Vector2d(x.head<2>() / x.z()) - detection->normalised[k]);
+          whitening * (Eigen::Vector2d(x.head<2>() / x.z()) - detection->normalized[k]);
       return true;
     }
   };
@@ -169,7 +169,7 @@ class CeresBundle {
       return;
     }
     Eigen::Matrix2d J;
-    (void)problem.lens->camera.distort(o.detection->normalised[k], &J);
+    (void)problem.lens->camera.distort(o.detection->normalized[k], &J);
     covariance = J * covariance * J.transpose();
     const Eigen::Matrix2d W = covariance.inverse().llt().matrixU();
     problem_.AddResidualBlock(

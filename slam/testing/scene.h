@@ -24,10 +24,10 @@ inline Transform disturbed(const Transform& T, double sigma, std::mt19937* rng) 
   return T.retract(delta);
 }
 
-// Moves what a keyframe saw of a marker to the right, in normalised coordinates.
+// Moves what a keyframe saw of a marker to the right, in normalized coordinates.
 inline void displaceView(KeyframeId keyframe, int marker, double right, Map* map) {
   MarkerDetection elsewhere = *map->keyframes().at(keyframe).find(marker);
-  for (auto& corner : elsewhere.normalised) corner.x() += right;
+  for (auto& corner : elsewhere.normalized) corner.x() += right;
   map->removeViews(marker, {&keyframe, 1});
   map->addView(keyframe, elsewhere);
 }

@@ -59,11 +59,11 @@ inline std::optional<MarkerDetection> observe(const CameraModel& camera, const T
     const auto pixel = camera.project(T_w_c.inverse() * (T_w_m * corners[k]));
     if (!pixel || !camera.inImage(*pixel, 2.0)) return std::nullopt;
     detection.pixels[k] = *pixel + sigma_px * Eigen::Vector2d(noise(*rng), noise(*rng));
-    const auto normalised = camera.undistort(detection.pixels[k]);
-    if (!normalised) return std::nullopt;
-    detection.normalised[k] = *normalised;
+    const auto normalized = camera.undistort(detection.pixels[k]);
+    if (!normalized) return std::nullopt;
+    detection.normalized[k] = *normalized;
     Eigen::Matrix2d J;
-    (void)camera.distort(*normalised, &J);
+    (void)camera.distort(*normalized, &J);
     const double sigma = sigma_px > 0.0 ? sigma_px : 0.05;
     detection.covariance[k] = sigma * sigma * (J.transpose() * J).inverse();
   }

@@ -1,16 +1,16 @@
 // How well a whole map explains what its keyframes saw.
 #pragma once
 
-#include "slam/optimisation/map_fit.h"
-#include "slam/optimisation/map_part.h"
+#include "slam/optimization/map_fit.h"
+#include "slam/optimization/subproblem.h"
 
 namespace waymark::slam::testing {
 
 inline MapFit wholeMapFit(const Map& map) {
   const MarkerOptions markers;
-  const MapPart part =
-      inOneGo([&](Allowance* a) { return takePart(map, wholeMap(map), markers, a); });
-  return inOneGo([&](Allowance* a) { return fitOf(part.problem, a); });
+  const Subproblem part =
+      runToCompletion([&](Budget* a) { return buildSubproblem(map, wholeMap(map), markers, a); });
+  return runToCompletion([&](Budget* a) { return fitOf(part.problem, a); });
 }
 
 }  // namespace waymark::slam::testing

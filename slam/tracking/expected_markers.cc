@@ -8,13 +8,13 @@
 namespace waymark::slam {
 namespace {
 
-// Normalised. False when a corner is not in front of the camera.
+// Normalized. False when a corner is not in front of the camera.
 bool project(const std::array<Eigen::Vector3d, 4>& corners_w, const Transform& T_w_c,
              std::array<Eigen::Vector2d, 4>* corners) {
   for (std::size_t k = 0; k < 4; ++k) {
     Projection projection;
     if (!projectPoint(T_w_c, corners_w[k], &projection)) return false;
-    (*corners)[k] = projection.normalised;
+    (*corners)[k] = projection.normalized;
   }
   return true;
 }

@@ -1,4 +1,4 @@
-// A detected marker whose pose the map knows: what tracking and relocalisation work with.
+// A detected marker whose pose the map knows: what tracking and relocalization work with.
 #pragma once
 
 #include <array>

@@ -10,11 +10,11 @@ namespace waymark::slam {
 namespace {
 
 double imageArea(const MarkerDetection& d) {
-  return std::abs(cross(d.normalised[2] - d.normalised[0], d.normalised[3] - d.normalised[1]));
+  return std::abs(cross(d.normalized[2] - d.normalized[0], d.normalized[3] - d.normalized[1]));
 }
 
 // How far a pose is from the predicted one, as the markers' depth sees it, radians.
-double surprise(const Transform& T_w_c, const Transform& predicted, double depth_m) {
+double innovation(const Transform& T_w_c, const Transform& predicted, double depth_m) {
   return rotationDistance(T_w_c.R, predicted.R) + (T_w_c.p - predicted.p).norm() / depth_m;
 }
 
@@ -23,7 +23,7 @@ double surprise(const Transform& T_w_c, const Transform& predicted, double depth
 Tracker::Tracker(double focal_px, const TrackerOptions& options)
     : focal_px_(focal_px),
       options_(options),
-      optimiser_(focal_px, options.pose),
+      optimizer_(focal_px, options.pose),
       motion_(options.motion) {}
 
 std::optional<TrackedPose> Tracker::track(std::span<const KnownMarker> markers,
@@ -34,19 +34,19 @@ std::optional<TrackedPose> Tracker::track(std::span<const KnownMarker> markers,
       tracked.solution = std::move(*solution);
       return tracked;
     }
-    tracked.prediction_refused = true;
+    tracked.prediction_rejected = true;
   }
   auto solution = fromMarkersAlone(markers);
   if (!solution) return std::nullopt;
   tracked.solution = std::move(*solution);
-  tracked.method = TrackingMethod::kRelocalised;
+  tracked.method = TrackingMethod::kRelocalized;
   return tracked;
 }
 
 std::optional<PoseSolution> Tracker::locate(std::span<const KnownMarker> markers,
                                             const Transform& guess_T_w_c) const {
-  auto near = optimiser_.optimise(markers, guess_T_w_c);
-  if (near && optimiser_.acceptable(*near)) return near;
+  auto near = optimizer_.optimize(markers, guess_T_w_c);
+  if (near && optimizer_.acceptable(*near)) return near;
   return fromMarkersAlone(markers);  // the guess may be from before a loop was closed
 }
 
@@ -60,29 +60,29 @@ PoseEstimate Tracker::estimateOf(const PoseSolution& solution, std::span<const K
   estimate.markers_used = solution.inliers;
   estimate.reprojection_rms_px = solution.rms_px;
   estimate.ambiguity_ratio =
-      poseAmbiguity(solution, markers, focal_px_, options_.relocalisation.square);
+      poseAmbiguity(solution, markers, focal_px_, options_.relocalization.square);
   return estimate;
 }
 
 std::optional<PoseSolution> Tracker::fromMarkersAlone(std::span<const KnownMarker> markers) const {
-  auto solution = relocalise(markers, optimiser_, focal_px_, options_.relocalisation);
-  if (!solution || !optimiser_.acceptable(*solution)) return std::nullopt;
+  auto solution = relocalize(markers, optimizer_, focal_px_, options_.relocalization);
+  if (!solution || !optimizer_.acceptable(*solution)) return std::nullopt;
   return solution;
 }
 
 std::optional<PoseSolution> Tracker::fromPrediction(std::span<const KnownMarker> markers,
                                                     const Transform& predicted) const {
-  auto together = optimiser_.optimise(markers, predicted);
-  if (together && optimiser_.acceptable(*together)) return together;
+  auto together = optimizer_.optimize(markers, predicted);
+  if (together && optimizer_.acceptable(*together)) return together;
   if (markers.size() != 2) return std::nullopt;
   // Two markers that contradict each other: the one that goes on as the camera moved is believed.
   std::optional<PoseSolution> believed;
-  double least = 0.5 * options_.pose.worst_rms_px / focal_px_;  // radians
+  double least = 0.5 * options_.pose.max_rms_px / focal_px_;  // radians
   for (std::size_t i = 0; i < 2; ++i) {
-    auto alone = optimiser_.optimise(markers.subspan(i, 1), predicted);
-    if (!alone || !optimiser_.acceptable(*alone)) continue;
+    auto alone = optimizer_.optimize(markers.subspan(i, 1), predicted);
+    if (!alone || !optimizer_.acceptable(*alone)) continue;
     const double depth = (markers[i].T_w_m.p - alone->T_w_c.p).norm();
-    const double how_far = surprise(alone->T_w_c, predicted, depth);
+    const double how_far = innovation(alone->T_w_c, predicted, depth);
     if (how_far >= least) continue;
     least = how_far;
     alone->inlier = {i == 0, i == 1};
@@ -109,7 +109,7 @@ double poseAmbiguity(const PoseSolution& solution, std::span<const KnownMarker> 
   for (std::size_t i = 0; i < markers.size(); ++i) {
     if (!solution.inlier[i]) continue;
     constexpr double kBehind = 1e6;  // chi-square of a marker the other pose cannot even see
-    cost += PoseOptimiser::markerChi2(markers[i], T_w_c).value_or(kBehind);
+    cost += PoseOptimizer::markerChi2(markers[i], T_w_c).value_or(kBehind);
   }
   return (cost + 1.0) / (solution.chi2 + 1.0);
 }

@@ -7,26 +7,26 @@
 #include <span>
 
 #include "slam/pose_estimate.h"
-#include "slam/relocalisation/relocaliser.h"
+#include "slam/relocalization/relocalizer.h"
 #include "slam/tracking/known_marker.h"
 #include "slam/tracking/motion_model.h"
-#include "slam/tracking/pose_optimiser.h"
+#include "slam/tracking/pose_optimizer.h"
 
 namespace waymark::slam {
 
 struct TrackerOptions {
-  PoseOptimiserOptions pose;
+  PoseOptimizerOptions pose;
   MotionModelOptions motion;
-  RelocaliserOptions relocalisation;
+  RelocalizerOptions relocalization;
 };
 
-enum class TrackingMethod { kPredicted, kRelocalised };
+enum class TrackingMethod { kPredicted, kRelocalized };
 
 struct TrackedPose {
   PoseSolution solution;
   TrackingMethod method = TrackingMethod::kPredicted;
-  // The predicted pose was tried and refused.
-  bool prediction_refused = false;
+  // The predicted pose was tried and rejected.
+  bool prediction_rejected = false;
 };
 
 class Tracker {
@@ -59,7 +59,7 @@ class Tracker {
                                         std::span<const KnownMarker> markers,
                                         const Vector6d& twist) const;
 
-  [[nodiscard]] const PoseOptimiser& optimiser() const { return optimiser_; }
+  [[nodiscard]] const PoseOptimizer& optimizer() const { return optimizer_; }
   [[nodiscard]] double focalLength() const { return focal_px_; }
 
  private:
@@ -70,7 +70,7 @@ class Tracker {
 
   double focal_px_;
   TrackerOptions options_;
-  PoseOptimiser optimiser_;
+  PoseOptimizer optimizer_;
   MotionModel motion_;
 };
 

@@ -58,26 +58,26 @@ TEST_F(TrackerTest, FollowsThePrediction) {
   const auto tracked = tracker_.track(known(5, {0, 1, 2}), 5 * kFramePeriodNs);
   expectPose(tracked, 5, 0.001);
   EXPECT_EQ(tracked->method, TrackingMethod::kPredicted);
-  EXPECT_FALSE(tracked->prediction_refused);
+  EXPECT_FALSE(tracked->prediction_rejected);
 }
 
-TEST_F(TrackerTest, RelocalisesWithoutAPrediction) {
+TEST_F(TrackerTest, RelocalizesWithoutAPrediction) {
   const auto first = tracker_.track(known(5, {0, 1, 2}), 0);
   expectPose(first, 5, 0.001);
-  EXPECT_EQ(first->method, TrackingMethod::kRelocalised);
-  EXPECT_FALSE(first->prediction_refused);
+  EXPECT_EQ(first->method, TrackingMethod::kRelocalized);
+  EXPECT_FALSE(first->prediction_rejected);
   trackUpTo(5);
   const auto later = tracker_.track(known(5, {0, 1, 2}), 2'000'000'000);
   expectPose(later, 5, 0.001);
-  EXPECT_EQ(later->method, TrackingMethod::kRelocalised) << "the last pose is too old";
+  EXPECT_EQ(later->method, TrackingMethod::kRelocalized) << "the last pose is too old";
 }
 
-TEST_F(TrackerTest, RelocalisesWhenThePredictionIsWrong) {
+TEST_F(TrackerTest, RelocalizesWhenThePredictionIsWrong) {
   tracker_.commit(testing::lookAt({0.0, 1.5, 0.0}, {0.0, -3.0, 0.0}), 0);  // looks away
   const auto tracked = tracker_.track(known(1, {0, 1, 2}), kFramePeriodNs);
   expectPose(tracked, 1, 0.001);
-  EXPECT_EQ(tracked->method, TrackingMethod::kRelocalised);
-  EXPECT_TRUE(tracked->prediction_refused);
+  EXPECT_EQ(tracked->method, TrackingMethod::kRelocalized);
+  EXPECT_TRUE(tracked->prediction_rejected);
 }
 
 // Tracking tries; only commit() makes it so.
@@ -139,7 +139,7 @@ TEST_F(TrackerTest, AmbiguityTellsACoinTossFromCertainty) {
     solution.T_w_c = poseAt(0);
     solution.inlier.assign(markers.size(), true);
     for (const auto& m : markers) {
-      solution.chi2 += PoseOptimiser::markerChi2(m, poseAt(0)).value();
+      solution.chi2 += PoseOptimizer::markerChi2(m, poseAt(0)).value();
     }
     return poseAmbiguity(solution, markers, camera_.focalLength(), {});
   };

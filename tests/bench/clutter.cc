@@ -96,9 +96,9 @@ void ClutterPainter::paintSquare(simulator::Random* random) {
   const double dark = random->uniform(5.0, 110.0);
   const double light = random->uniform(dark + 40.0, 250.0);
   const auto kind = static_cast<Kind>(uniformInt(0, kKinds - 1, random));
-  int cells = uniformInt(2, kMostCells, random);
+  int cells = uniformInt(2, kMaxCells, random);
   if (cells == marker_cells_) ++cells;
-  std::array<bool, (kMostCells + 1) * (kMostCells + 1)> white{};
+  std::array<bool, (kMaxCells + 1) * (kMaxCells + 1)> white{};
   for (bool& cell : white) cell = random->uniform(0.0, 1.0) < 0.5;
   // Most have a light ground of their own, as a print on paper.
   const double paper = random->uniform(0.0, 1.0) < 0.7 ? random->uniform(0.05, 0.2) : 0.0;
@@ -117,7 +117,7 @@ void ClutterPainter::paintSquare(simulator::Random* random) {
         is_white = !border;
         break;
       case Kind::kCells:
-        is_white = !border && white[static_cast<std::size_t>(row * kMostCells + column)];
+        is_white = !border && white[static_cast<std::size_t>(row * kMaxCells + column)];
         break;
       case Kind::kChessboard:
         is_white = (row + column) % 2 != 0;

@@ -26,7 +26,7 @@ class ClutterPainter {
  private:
   enum class Kind { kPlain, kFrame, kCells, kChessboard, kStripes };
   static constexpr int kKinds = 5;
-  static constexpr int kMostCells = 12;
+  static constexpr int kMaxCells = 12;
   using Quad = std::array<Eigen::Vector2d, 4>;
 
   void paintGround(simulator::Random* random);

@@ -75,7 +75,7 @@ void run(const Arguments& arguments) {
   std::printf("%-14s %9s %9s %9s %10s %12s\n", "", "mean ms", "p99 ms", "max ms", "false ids",
               "in frames");
   for (std::size_t d = 0; d < detectors.size(); ++d) {
-    const tools::TimeSummary cpu_ms = tools::summarise(scores[d].cpu_ms);
+    const tools::TimeSummary cpu_ms = tools::summarize(scores[d].cpu_ms);
     std::printf("%-14s %9.3f %9.3f %9.3f %10lld %12lld\n", detectors[d]->name().c_str(),
                 cpu_ms.mean, cpu_ms.p99, cpu_ms.max, static_cast<long long>(scores[d].ids),
                 static_cast<long long>(scores[d].frames));

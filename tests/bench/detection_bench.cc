@@ -13,10 +13,10 @@
 #include <CLI/CLI.hpp>
 
 #include "base/clock.h"
-#include "tests/bench/command_line.h"
-#include "tests/bench/peers.h"
 #include "simulator/projected_marker.h"
 #include "simulator/simulation.h"
+#include "tests/bench/command_line.h"
+#include "tests/bench/peers.h"
 #include "tools/exit_code.h"
 #include "tools/stage_timer.h"
 
@@ -138,7 +138,7 @@ class Bench {
                 "RMS px", "wrong");
     for (std::size_t d = 0; d < detectors_.size(); ++d) {
       const Score& score = scores_[d];
-      const tools::TimeSummary cpu_ms = tools::summarise(score.cpu_ms);
+      const tools::TimeSummary cpu_ms = tools::summarize(score.cpu_ms);
       const auto found = static_cast<double>(score.found);
       std::printf("%-14s %9.3f %9.3f %9.3f %8.2f%% %9.3f %6lld\n", detectors_[d]->name().c_str(),
                   cpu_ms.mean, cpu_ms.p99, cpu_ms.max,

@@ -14,14 +14,14 @@
 #include <unistd.h>
 
 #include "base/clock.h"
-#include "tests/bench/command_line.h"
-#include "tests/bench/walk.h"
 #include "io/maps/map_file.h"
 #include "io/text/number_text.h"
 #include "io/text/text_file.h"
 #include "simulator/observed_corners.h"
 #include "slam/geometry/align_points.h"
 #include "slam/slam.h"
+#include "tests/bench/command_line.h"
+#include "tests/bench/walk.h"
 #include "tools/evaluation/evaluation.h"
 #include "tools/exit_code.h"
 #include "tools/stage_timer.h"
@@ -78,7 +78,7 @@ struct Report {
   std::int64_t frames = 0;  // since the start
   std::size_t markers = 0;
   std::size_t keyframes = 0;
-  double localised_percent = 0.0;
+  double localized_percent = 0.0;
   tools::TimeSummary cpu_ms;
   double resident_mb = 0.0;
   std::optional<double> ate_mm;
@@ -87,7 +87,7 @@ struct Report {
 
 void printHead() {
   std::printf("%9s %8s %9s %9s %9s %9s %9s %9s %9s %9s\n", "frames", "markers", "keyframes",
-              "localised", "mean ms", "p99 ms", "max ms", "MB", "ATE mm", "ACE mm");
+              "localized", "mean ms", "p99 ms", "max ms", "MB", "ATE mm", "ACE mm");
 }
 
 Report reportOf(std::int64_t frames, const slam::Slam& slam,
@@ -99,8 +99,8 @@ Report reportOf(std::int64_t frames, const slam::Slam& slam,
   report.frames = frames;
   report.markers = map.size();
   report.keyframes = slam.map().keyframes().size();
-  report.localised_percent = 100.0 * static_cast<double>(stretch.estimate.size()) / count;
-  report.cpu_ms = tools::summarise(std::move(stretch.cpu_ms));
+  report.localized_percent = 100.0 * static_cast<double>(stretch.estimate.size()) / count;
+  report.cpu_ms = tools::summarize(std::move(stretch.cpu_ms));
   report.resident_mb = residentMegabytes();
   report.ate_mm = ate_mm(stretch);
   if (errors) report.ace_mm = 1000.0 * errors->ace_m.mean;
@@ -110,7 +110,7 @@ Report reportOf(std::int64_t frames, const slam::Slam& slam,
 void print(const Report& r) {
   const auto text = [](const std::optional<double>& mm) { return mm ? io::fixed(*mm, 3) : "-"; };
   std::printf("%9lld %8zu %9zu %8.2f%% %9.4f %9.4f %9.4f %9.1f %9s %9s\n",
-              static_cast<long long>(r.frames), r.markers, r.keyframes, r.localised_percent,
+              static_cast<long long>(r.frames), r.markers, r.keyframes, r.localized_percent,
               r.cpu_ms.mean, r.cpu_ms.p99, r.cpu_ms.max, r.resident_mb, text(r.ate_mm).c_str(),
               text(r.ace_mm).c_str());
   std::fflush(stdout);
@@ -125,7 +125,7 @@ std::string jsonOf(std::span<const Report> reports) {
     all.push_back({{"frames", r.frames},
                    {"markers", r.markers},
                    {"keyframes", r.keyframes},
-                   {"localised_percent", r.localised_percent},
+                   {"localized_percent", r.localized_percent},
                    {"mean_ms", r.cpu_ms.mean},
                    {"p99_ms", r.cpu_ms.p99},
                    {"max_ms", r.cpu_ms.max},

@@ -32,11 +32,11 @@ void lookThrough(const slam::CameraModel& camera) {
   for (int row = -2; row <= 10; ++row) {
     for (int column = -2; column <= 10; ++column) {
       const Eigen::Vector2d pixel(0.125 * column * camera.width(), 0.125 * row * camera.height());
-      const auto normalised = camera.undistort(pixel);
-      if (!normalised) continue;
-      fuzz::require(normalised->allFinite(), "undistorted points are finite");
-      (void)camera.project({normalised->x(), normalised->y(), 1.0});
-      (void)camera.intrinsicJacobian(*normalised);
+      const auto normalized = camera.undistort(pixel);
+      if (!normalized) continue;
+      fuzz::require(normalized->allFinite(), "undistorted points are finite");
+      (void)camera.project({normalized->x(), normalized->y(), 1.0});
+      (void)camera.intrinsicJacobian(*normalized);
     }
   }
   constexpr double kHuge = std::numeric_limits<double>::max();

@@ -6,9 +6,9 @@
 #include <unistd.h>
 
 #include "base/unique_fd.h"
+#include "capture/eventlog/log_reader.h"
 #include "capture/log_source.h"
 #include "capture/recorded_file.h"
-#include "capture/eventlog/log_reader.h"
 #include "tests/fuzz/fuzz_target.h"
 
 using namespace waymark;

@@ -1,4 +1,4 @@
-// Our own maps. What is accepted is written as it is read, can be localised in and goes on growing,
+// Our own maps. What is accepted is written as it is read, can be localized in and goes on growing,
 // and what has become of it then can be read again.
 #include <algorithm>
 #include <map>
@@ -31,10 +31,10 @@ std::string readAndWritten(const std::string& text, const char* what) {
 
 // The views of the last keyframes once more, as if the camera went on from there.
 std::vector<std::vector<slam::MarkerDetection>> lastViews(const slam::Map& map) {
-  constexpr std::size_t kMostFrames = 4;
+  constexpr std::size_t kMaxFrames = 4;
   std::vector<std::vector<slam::MarkerDetection>> views;
   for (auto entry = map.keyframes().rbegin();
-       entry != map.keyframes().rend() && views.size() < kMostFrames; ++entry) {
+       entry != map.keyframes().rend() && views.size() < kMaxFrames; ++entry) {
     views.push_back(entry->second.detections);
   }
   std::reverse(views.begin(), views.end());

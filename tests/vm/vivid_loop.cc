@@ -90,7 +90,7 @@ Status setOutputFormat(const std::filesystem::path& node, PixelFormat pixels) {
 }
 
 // Frames on their way into the output node; it takes them at its own rate. (Not by write(): the
-// driver refuses it.)
+// driver rejects it.)
 class OutputStream {
  public:
   explicit OutputStream(const std::filesystem::path& node)

@@ -193,10 +193,10 @@ TEST(VimcLibcameraTest, FramesOfItsSensor) {
     EXPECT_GT(*std::ranges::max_element(pixels), *std::ranges::min_element(pixels) + 50.0)
         << "its colour bars";
   }
-  // A size that it would adjust is refused, and the message says what it would give.
+  // A size that it would adjust is rejected, and the message says what it would give.
   options.camera.width = 640;
-  const auto refused = capture::openSource("libcamera:" + id, options);
-  ASSERT_FALSE(refused.ok());
+  const auto rejected = capture::openSource("libcamera:" + id, options);
+  ASSERT_FALSE(rejected.ok());
 }
 
 }  // namespace

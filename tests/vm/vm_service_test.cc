@@ -258,7 +258,7 @@ class Inside {
   [[nodiscard]] InsideCall& operator*() { return call_; }
   [[nodiscard]] bool held() const { return call_.held(); }
 
-  // 0 when it works, errno when it is refused.
+  // 0 when it works, errno when it is rejected.
   int opening(const std::string& path, int flags) { return errorOf(call_.open(path, flags)); }
   int socket(int family, int type) { return errorOf(call_.socket(family, type)); }
   int calling(long number, std::array<std::uint64_t, 6> arguments = {}) {
@@ -339,7 +339,7 @@ TEST_F(ServiceTest, FromInsideThereIsNoTcpAndNobodyToTalkTo) {
   EXPECT_TRUE(posesCome(3, *subscriber_));
 }
 
-TEST_F(ServiceTest, FromInsideCallsOfTheMightyAreRefused) {
+TEST_F(ServiceTest, FromInsideCallsOfTheMightyAreRejected) {
   ASSERT_NO_FATAL_FAILURE(ensureRunning());
   {
     Inside inside(mainProcess());
@@ -540,7 +540,7 @@ double nearest_m(const pose_t& pose, const std::vector<pose_t>& others) {
   return nearest;
 }
 
-std::vector<pose_t> localised(const Subscriber& subscriber) {
+std::vector<pose_t> localized(const Subscriber& subscriber) {
   std::vector<pose_t> poses = subscriber.received().poses;
   std::erase_if(poses, [](const pose_t& pose) { return pose.source != pose_t::SOURCE_MARKERS; });
   return poses;
@@ -554,7 +554,7 @@ TEST_F(ServiceTest, StoppedItSavesItsMapAndStartedAgainItIsThere) {
   for (int attempt = 0; attempt < kAttempts && stopped_s >= kStopped_s; ++attempt) {
     ASSERT_NO_FATAL_FAILURE(ensureRunning());
     ASSERT_TRUE(posesCome(20, *subscriber_));  // twice round
-    before = localised(*subscriber_);
+    before = localized(*subscriber_);
     stopped_s = stop_s();
   }
   EXPECT_LT(stopped_s, kStopped_s);
@@ -566,7 +566,7 @@ TEST_F(ServiceTest, StoppedItSavesItsMapAndStartedAgainItIsThere) {
   subscriber_.emplace(kUrl, "TEST_");
   ASSERT_EQ(runProgram({"systemctl", "start", kUnit}).exit_code, 0) << journal();
   ASSERT_TRUE(posesCome(10, *subscriber_)) << journal();
-  for (const pose_t& pose : localised(*subscriber_)) {
+  for (const pose_t& pose : localized(*subscriber_)) {
     EXPECT_LT(nearest_m(pose, before), 0.02) << "frame " << pose.sequence;
   }
   EXPECT_EQ(runProgram({"systemctl", "stop", kUnit}).exit_code, 0);

@@ -257,7 +257,7 @@ class VividDaemonTest : public VividTest, public ::testing::WithParamInterface<P
   std::optional<Process> daemon_;
 };
 
-TEST_P(VividDaemonTest, Localises) {
+TEST_P(VividDaemonTest, Localizes) {
   ASSERT_NO_FATAL_FAILURE(startDaemon(GetParam()));
   stopDaemon();
   EXPECT_LT(worstError_m(), 0.02);

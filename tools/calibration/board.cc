@@ -14,7 +14,7 @@
 namespace waymark::calibration {
 namespace {
 
-constexpr int kMostSquares = 200;  // in a row or a column
+constexpr int kMaxSquares = 200;  // in a row or a column
 constexpr double kLargest_m = 100.0;
 
 // Whether there is a marker at a place of the grid.
@@ -38,9 +38,9 @@ int BoardOptions::markerCount() const {
 std::string BoardOptions::invalidReason() const {
   const int fewest = kind == BoardKind::kCharuco ? 3 : 1;
   const std::string range =
-      "must be " + std::to_string(fewest) + " to " + std::to_string(kMostSquares);
-  if (columns < fewest || columns > kMostSquares) return "columns: " + range;
-  if (rows < fewest || rows > kMostSquares) return "rows: " + range;
+      "must be " + std::to_string(fewest) + " to " + std::to_string(kMaxSquares);
+  if (columns < fewest || columns > kMaxSquares) return "columns: " + range;
+  if (rows < fewest || rows > kMaxSquares) return "rows: " + range;
   if (markerCount() < 2) return "a board has at least two markers";
   if (!(square_size_m > 0.0 && square_size_m <= kLargest_m)) {
     return "square size: must be a positive number of metres, at most 100";

@@ -7,9 +7,9 @@
 #include <numbers>
 #include <utility>
 
-#include "tools/calibration/plane_homography.h"
 #include "slam/geometry/homography.h"
 #include "slam/geometry/robust.h"
+#include "tools/calibration/plane_homography.h"
 
 namespace waymark::calibration {
 namespace {
@@ -31,10 +31,10 @@ Eigen::Vector2d inMarker(const BoardMarker& marker, const Eigen::Vector3d& point
   return {p.dot(right) / right.squaredNorm(), p.dot(down) / down.squaredNorm()};
 }
 
-double medianBlur_px(const std::vector<slam::Sighting>& sightings) {
+double medianBlur_px(const std::vector<slam::MeasuredMarker>& views) {
   std::vector<double> blurs;
-  for (const slam::Sighting& sighting : sightings) {
-    for (const slam::EdgeFit& edge : sighting.edges) blurs.push_back(edge.blur_px);
+  for (const slam::MeasuredMarker& marker : views) {
+    for (const slam::EdgeFit& edge : marker.edges) blurs.push_back(edge.blur_px);
   }
   return blurs.empty() ? 0.0 : slam::median(std::move(blurs));
 }
@@ -109,7 +109,7 @@ std::vector<BoardPoint> BoardDetector::markerPoints(const std::vector<Seen>& see
   for (const Seen& marker : seen) {
     for (std::size_t k = 0; k < 4; ++k) {
       Eigen::Matrix2d J;
-      (void)camera_.distort(marker.detection.normalised[k], &J);
+      (void)camera_.distort(marker.detection.normalized[k], &J);
       points.push_back({4 * marker.marker + k, marker.detection.pixels[k],
                         J * marker.detection.covariance[k] * J.transpose()});
     }
@@ -142,8 +142,8 @@ std::optional<BoardPoint> BoardDetector::chessPoint(std::size_t index, const See
   const double longer_px = std::max(right.norm(), up.norm());
   const double scale =
       std::min(options_.reach * std::numbers::sqrt2 - options_.reach_margin_px / shorter_px,
-               options_.most_reach_px / longer_px);
-  if (!(scale * shorter_px >= options_.least_reach_px)) return std::nullopt;
+               options_.max_reach_px / longer_px);
+  if (!(scale * shorter_px >= options_.min_reach_px)) return std::nullopt;
   const auto saddle = fitSaddle(image, expected, scale * right, scale * up, options_.saddles);
   if (!saddle) return std::nullopt;
   return BoardPoint{index, saddle->pixel, saddle->covariance};
@@ -163,14 +163,14 @@ std::vector<BoardPoint> BoardDetector::chessPoints(const std::vector<Seen>& seen
   return points;
 }
 
-std::optional<BoardSight> BoardDetector::detect(const ImageView& image) {
+std::optional<BoardView> BoardDetector::detect(const ImageView& image) {
   std::vector<Seen> seen = seenMarkers(image);
   removeStrays(&seen);
-  BoardSight sight;
-  sight.blur_px = medianBlur_px(detector_.sightings());
-  sight.points = board_.isCharuco() ? chessPoints(seen, image) : markerPoints(seen);
-  if (sight.points.size() < options_.fewest_points) return std::nullopt;
-  return sight;
+  BoardView view;
+  view.blur_px = medianBlur_px(detector_.views());
+  view.points = board_.isCharuco() ? chessPoints(seen, image) : markerPoints(seen);
+  if (view.points.size() < options_.min_points) return std::nullopt;
+  return view;
 }
 
 }  // namespace waymark::calibration

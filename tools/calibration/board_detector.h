@@ -8,10 +8,10 @@
 #include <Eigen/Core>
 
 #include "base/image_view.h"
-#include "tools/calibration/board.h"
-#include "tools/calibration/saddle_fit.h"
 #include "slam/detection/marker_detector.h"
 #include "slam/geometry/camera_model.h"
+#include "tools/calibration/board.h"
+#include "tools/calibration/saddle_fit.h"
 
 namespace waymark::calibration {
 
@@ -22,7 +22,7 @@ struct BoardPoint {
   Eigen::Matrix2d covariance = Eigen::Matrix2d::Identity();  // square pixels
 };
 
-struct BoardSight {
+struct BoardView {
   std::vector<BoardPoint> points;
   double blur_px = 0.0;  // of the markers' edges, median of their standard deviations
 };
@@ -30,14 +30,14 @@ struct BoardSight {
 struct BoardDetectorOptions {
   slam::DetectorOptions markers;
   // Fewer points do not fix a pose well enough to say anything of the camera.
-  std::size_t fewest_points = 12;
+  std::size_t min_points = 12;
   SaddleFitOptions saddles;
   // The pixels around a chessboard corner that are used end short of the nearest markers, by this
   // share of their distance and by what blur adds, pixels.
   double reach = 0.85;
   double reach_margin_px = 0.7;
-  double least_reach_px = 1.8;  // across; a corner with less room is left out
-  double most_reach_px = 8.0;   // more only costs time, and lenses bend lines
+  double min_reach_px = 1.8;  // across; a corner with less room is left out
+  double max_reach_px = 8.0;  // more only costs time, and lenses bend lines
 };
 
 class BoardDetector {
@@ -48,7 +48,7 @@ class BoardDetector {
                 const BoardDetectorOptions& options = {});
 
   // Empty when too little of the board is there.
-  [[nodiscard]] std::optional<BoardSight> detect(const ImageView& image);
+  [[nodiscard]] std::optional<BoardView> detect(const ImageView& image);
 
  private:
   // A marker of the board, as it was seen.

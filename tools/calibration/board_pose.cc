@@ -5,8 +5,8 @@
 
 #include <Eigen/SVD>
 
+#include "slam/geometry/minimize_pose.h"
 #include "tools/calibration/plane_homography.h"
-#include "slam/geometry/minimise_pose.h"
 
 namespace waymark::calibration {
 namespace {
@@ -30,11 +30,11 @@ Transform poseOf(Eigen::Matrix3d H) {
   return {nearest, scale * H.col(2)};
 }
 
-// The pose that looks nearly the same from afar: the normal mirrored at the line of sight.
+// The pose that looks nearly the same from afar: the normal mirrored at the line of view.
 Transform mirrored(const Transform& T) {
-  const Eigen::Vector3d sight = T.p.normalized();
+  const Eigen::Vector3d view = T.p.normalized();
   const Eigen::Vector3d normal = T.R.col(2);
-  const Eigen::Vector3d other = 2.0 * normal.dot(sight) * sight - normal;
+  const Eigen::Vector3d other = 2.0 * normal.dot(view) * view - normal;
   return {Eigen::Quaterniond::FromTwoVectors(normal, other) * T.R, T.p};
 }
 
@@ -43,7 +43,7 @@ std::optional<BoardPose> refined(const std::vector<Eigen::Vector3d>& board,
                                  const std::vector<Eigen::Vector2d>& seen, double focal_px,
                                  const Transform& start) {
   constexpr int kIterations = 20;
-  const auto linearise = [&](const Transform& T, slam::PoseNormal* normal) {
+  const auto linearize = [&](const Transform& T, slam::PoseNormal* normal) {
     for (std::size_t i = 0; i < points.size(); ++i) {
       const Eigen::Vector3d turned = T.R * board[points[i].index];
       const Eigen::Vector3d p = turned + T.p;
@@ -60,10 +60,10 @@ std::optional<BoardPose> refined(const std::vector<Eigen::Vector3d>& board,
     }
     return true;
   };
-  const auto minimised = slam::minimisePose(start, kIterations, linearise);
-  if (!minimised) return std::nullopt;
-  const double mean = minimised->normal.cost / static_cast<double>(points.size());
-  return BoardPose{minimised->T, focal_px * std::sqrt(mean)};
+  const auto minimized = slam::minimizePose(start, kIterations, linearize);
+  if (!minimized) return std::nullopt;
+  const double mean = minimized->normal.cost / static_cast<double>(points.size());
+  return BoardPose{minimized->T, focal_px * std::sqrt(mean)};
 }
 
 }  // namespace
@@ -74,10 +74,10 @@ std::optional<BoardPose> boardPose(const std::vector<Eigen::Vector3d>& board,
   std::vector<Eigen::Vector2d> on_board;
   std::vector<Eigen::Vector2d> seen;
   for (const BoardPoint& point : points) {
-    const auto normalised = camera.undistort(point.pixel);
-    if (!normalised) return std::nullopt;
+    const auto normalized = camera.undistort(point.pixel);
+    if (!normalized) return std::nullopt;
     on_board.emplace_back(board[point.index].head<2>());
-    seen.push_back(*normalised);
+    seen.push_back(*normalized);
   }
   const auto H = fitHomography(on_board, seen);
   if (!H) return std::nullopt;

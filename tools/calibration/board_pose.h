@@ -7,9 +7,9 @@
 
 #include <Eigen/Core>
 
-#include "tools/calibration/board_detector.h"
 #include "slam/geometry/camera_model.h"
 #include "slam/geometry/transform.h"
+#include "tools/calibration/board_detector.h"
 
 namespace waymark::calibration {
 

@@ -7,9 +7,9 @@
 #include <optional>
 #include <utility>
 
-#include "tools/calibration/projection_sigma.h"
 #include "slam/geometry/reprojection.h"
 #include "slam/geometry/robust.h"
+#include "tools/calibration/projection_sigma.h"
 
 namespace waymark::calibration {
 namespace {
@@ -38,7 +38,7 @@ Selection selectionOf(std::vector<View>& views) {
   Selection selection;
   for (View& view : views) {
     selection.names.push_back(view.name);
-    selection.points.push_back(view.sight.points);
+    selection.points.push_back(view.view.points);
   }
   return selection;
 }
@@ -48,7 +48,7 @@ void measureAgain(const Board& board, const slam::Calibration& camera,
                   const BoardDetectorOptions& options, std::vector<View>* views) {
   BoardDetector detector(board, camera, options);
   for (View& view : *views) {
-    if (auto sight = detector.detect(view.image())) view.sight = std::move(*sight);
+    if (auto view = detector.detect(view.image())) view.view = std::move(*view);
   }
 }
 
@@ -72,7 +72,7 @@ bool leaveOutViews(const Solution& solution, const CalibratorOptions& options,
 // Takes out single corners, and views that would lose too many. False when there are none.
 bool leaveOutCorners(const Solution& solution, const CalibratorOptions& options,
                      Selection* selection) {
-  constexpr double kMostShare = 0.25;
+  constexpr double kMaxShare = 0.25;
   const double gate = options.corner_gate * solution.noise;
   bool any = false;
   for (std::size_t v = solution.views.size(); v-- > 0;) {
@@ -87,7 +87,7 @@ bool leaveOutCorners(const Solution& solution, const CalibratorOptions& options,
     const std::size_t lost = before.size() - left.size();
     if (lost == 0) continue;
     any = true;
-    if (static_cast<double>(lost) > kMostShare * static_cast<double>(before.size())) {
+    if (static_cast<double>(lost) > kMaxShare * static_cast<double>(before.size())) {
       selection->leaveOut(v, text("%.0f of %.0f corners do not fit", static_cast<double>(lost),
                                   static_cast<double>(before.size())));
     } else {
@@ -102,7 +102,7 @@ std::optional<Solution> solveWithoutOutliers(const Board& board, int width, int 
                                              const CalibratorOptions& options,
                                              Selection* selection) {
   std::optional<Solution> solution;
-  for (int round = 0; round < options.most_rounds; ++round) {
+  for (int round = 0; round < options.max_rounds; ++round) {
     solution = solveCamera(board.points(), selection->points, width, height, lens, options.solver);
     if (!solution) return std::nullopt;
     // Whole views first: without them single corners may fit again.
@@ -118,7 +118,7 @@ double tiltOf(const slam::Transform& T_c_b) {
   return std::acos(std::min(1.0, std::abs(T_c_b.R(2, 2))));
 }
 
-void summariseRegions(CalibrationReport* report) {
+void summarizeRegions(CalibrationReport* report) {
   std::vector<double> squared(static_cast<std::size_t>(report->regions.cells()), 0.0);
   report->region_reports.resize(squared.size());
   for (const Residual& residual : report->residuals) {
@@ -160,10 +160,10 @@ CalibrationReport reportOf(Solution solution, Selection selection) {
       report.residuals.push_back({points[i].pixel, view.residuals[i]});
     }
   }
-  summariseRegions(&report);
+  summarizeRegions(&report);
   const ProjectionSigma sigma = projectionSigma(solution);
   report.mean_projection_sigma_px = sigma.mean_px;
-  report.worst_projection_sigma_px = sigma.worst_px;
+  report.max_projection_sigma_px = sigma.worst_px;
   report.worst_projection_at = sigma.worst_at;
   report.solution = std::move(solution);
   return report;
@@ -174,43 +174,43 @@ std::string lack(const CalibrationReport& report, const CalibratorOptions& optio
   constexpr double kDegrees = 180.0 / std::numbers::pi;
   std::vector<std::string> reasons;
   const slam::Calibration& camera = report.solution.camera;
-  if (report.views.size() < options.fewest_views) {
+  if (report.views.size() < options.min_views) {
     reasons.push_back(text("only %.0f views are left, at least %.0f are needed",
                            static_cast<double>(report.views.size()),
-                           static_cast<double>(options.fewest_views)));
+                           static_cast<double>(options.min_views)));
   }
   double tilt_rad = 0.0;
   for (const ViewReport& view : report.views) tilt_rad = std::max(tilt_rad, view.tilt_rad);
-  if (tilt_rad < options.least_tilt_rad) {
+  if (tilt_rad < options.min_tilt_rad) {
     reasons.push_back(
         text("no view tilts the board by more than %.0f degrees; 30 and more to "
              "several sides are good",
              kDegrees * tilt_rad));
   }
-  if (report.coverage.share() < options.least_coverage) {
+  if (report.coverage.share() < options.min_coverage) {
     reasons.push_back(
         text("the points cover %.0f %% of the picture", 100.0 * report.coverage.share()) +
         ", too few in: " + report.coverage.missing());
   }
   const double focal_sigma =
       std::max(report.solution.sigma(0) / camera.fx, report.solution.sigma(1) / camera.fy);
-  if (!(focal_sigma <= options.worst_focal_sigma)) {
+  if (!(focal_sigma <= options.max_focal_sigma)) {
     reasons.push_back(std::isfinite(focal_sigma)
                           ? text("the focal length is known to %.2g %% only", 100.0 * focal_sigma)
                           : "the focal length is not determined");
   }
-  if (!(report.worst_projection_sigma_px <= options.worst_projection_sigma * camera.width) &&
+  if (!(report.max_projection_sigma_px <= options.max_projection_sigma * camera.width) &&
       std::isfinite(focal_sigma)) {
-    const bool said = report.coverage.share() < options.least_coverage;
+    const bool said = report.coverage.share() < options.min_coverage;
     const std::string missing = said ? "" : report.coverage.missing();
     reasons.push_back(text("the lens at (%.0f, %.0f)", report.worst_projection_at.x(),
                            report.worst_projection_at.y()) +
-                      text(" is known to %.2g px only", report.worst_projection_sigma_px) +
+                      text(" is known to %.2g px only", report.max_projection_sigma_px) +
                       (missing.empty() ? "" : "; hardly a point is in: " + missing));
   }
   constexpr Eigen::Index kFirstOfDenominator = 9;  // k4
   if (report.solution.lens == Lens::kRational &&
-      !(report.solution.sigma(kFirstOfDenominator) <= options.worst_rational_sigma)) {
+      !(report.solution.sigma(kFirstOfDenominator) <= options.max_rational_sigma)) {
     reasons.emplace_back(
         "a rational lens has more coefficients than they determine; try plumb_bob");
   }
@@ -224,10 +224,10 @@ std::string lack(const CalibrationReport& report, const CalibratorOptions& optio
 Result<CalibrationReport> calibrateCamera(const Board& board, std::vector<View> views, Lens lens,
                                           const CalibratorOptions& options) {
   const std::string begin = "the views do not determine the camera: ";
-  if (views.size() < options.fewest_views) {
+  if (views.size() < options.min_views) {
     return Error{begin + text("the board is in %.0f different ones, at least %.0f are needed",
                               static_cast<double>(views.size()),
-                              static_cast<double>(options.fewest_views))};
+                              static_cast<double>(options.min_views))};
   }
   const int width = views.front().width;
   const int height = views.front().height;

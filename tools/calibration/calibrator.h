@@ -24,18 +24,18 @@ struct CalibratorOptions {
   double view_gate = 2.5;
   // ... root mean square at least this large, pixels: no exact view is an outlier.
   double view_floor_px = 0.15;
-  int most_rounds = 8;  // of leaving out and solving again
+  int max_rounds = 8;  // of leaving out and solving again
 
   // What views must give before a camera is believed.
-  std::size_t fewest_views = 6;
-  double least_coverage = 0.4;       // share of the picture's cells with a point
-  double least_tilt_rad = 0.25;      // of the board in the view that tilts it most; 14 degrees
-  double worst_focal_sigma = 0.005;  // of the focal length
+  std::size_t min_views = 6;
+  double min_coverage = 0.4;       // share of the picture's cells with a point
+  double min_tilt_rad = 0.25;      // of the board in the view that tilts it most; 14 degrees
+  double max_focal_sigma = 0.005;  // of the focal length
   // Of k4, where there is one: beyond it numerator and denominator cancel each other.
-  double worst_rational_sigma = 5.0;
+  double max_rational_sigma = 5.0;
   // Standard deviation with which a point anywhere in the picture would be predicted, as a share of
   // the picture's width: 2 pixels at 640.
-  double worst_projection_sigma = 0.003;
+  double max_projection_sigma = 0.003;
 };
 
 // A view that took part.
@@ -77,7 +77,7 @@ struct CalibrationReport {
   // How well the camera is known where it matters: standard deviation of a point's prediction, in
   // pixels, after the best rotation; the mean over the picture and the worst, and where that is.
   double mean_projection_sigma_px = 0.0;
-  double worst_projection_sigma_px = 0.0;
+  double max_projection_sigma_px = 0.0;
   Eigen::Vector2d worst_projection_at = Eigen::Vector2d::Zero();
 };
 

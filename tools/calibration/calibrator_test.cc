@@ -5,9 +5,9 @@
 
 #include <gtest/gtest.h>
 
+#include "slam/testing/synthetic.h"
 #include "tools/calibration/report_picture.h"
 #include "tools/calibration/testing/drawn_board.h"
-#include "slam/testing/synthetic.h"
 
 namespace waymark::calibration {
 namespace {
@@ -30,9 +30,9 @@ std::vector<View> photographed(const Board& board, const BoardOptions& options,
   ViewCollector collector(board, camera.width(), camera.height());
   for (std::size_t i = 0; i < poses.size(); ++i) {
     const cv::Mat picture = photographer.take(drawn, poses[i], 0.6, 1.5, static_cast<unsigned>(i));
-    auto sight = detector.detect(testing::viewOf(picture));
-    if (sight) {
-      collector.offer("frame " + std::to_string(i), std::move(*sight), testing::viewOf(picture));
+    auto view = detector.detect(testing::viewOf(picture));
+    if (view) {
+      collector.offer("frame " + std::to_string(i), std::move(*view), testing::viewOf(picture));
     }
   }
   return std::move(collector).take();
@@ -125,9 +125,9 @@ TEST(Calibrator, AViewThatDoesNotFitIsNamed) {
   cv::Mat bent;
   cv::remap(picture, bent, map_x, map_y, cv::INTER_LINEAR, cv::BORDER_REPLICATE);
   BoardDetector detector(all.board, roughCalibration(bent.cols, bent.rows));
-  auto sight = detector.detect(testing::viewOf(bent));
-  ASSERT_TRUE(sight);
-  views[4].sight = std::move(*sight);
+  auto view = detector.detect(testing::viewOf(bent));
+  ASSERT_TRUE(view);
+  views[4].view = std::move(*view);
   views[4].pixels.assign(bent.datastart, bent.dataend);
 
   const auto report = calibrateCamera(all.board, views, Lens::kPlumbBob);
@@ -137,7 +137,7 @@ TEST(Calibrator, AViewThatDoesNotFitIsNamed) {
   EXPECT_EQ(report->views.size(), views.size() - 1);
 }
 
-TEST(Calibrator, ViewsThatCannotSayAreRefused) {
+TEST(Calibrator, ViewsThatCannotSayAreRejected) {
   const CharucoViews& all = CharucoViews::get();
   const slam::CameraModel& camera = all.photographer.camera();
   const auto complaint = [&](const std::vector<slam::Transform>& poses) {
@@ -161,27 +161,27 @@ TEST(Calibrator, ViewsThatCannotSayAreRefused) {
 }
 
 // A lens that bends little needs no denominator: any that the numerator cancels would do.
-TEST(Calibrator, ALensWithTooManyCoefficientsIsRefused) {
+TEST(Calibrator, ALensWithTooManyCoefficientsIsRejected) {
   const CharucoViews& all = CharucoViews::get();
   const auto report = calibrateCamera(all.board, all.views, Lens::kRational);
   if (report) {
-    EXPECT_LE(report->solution.sigma(9), CalibratorOptions{}.worst_rational_sigma);
+    EXPECT_LE(report->solution.sigma(9), CalibratorOptions{}.max_rational_sigma);
   }
   CalibratorOptions strict;
-  strict.worst_rational_sigma = 1e-6;
-  const auto refused = calibrateCamera(all.board, all.views, Lens::kRational, strict);
-  ASSERT_FALSE(refused);
-  EXPECT_NE(refused.error().message.find("try plumb_bob"), std::string::npos);
+  strict.max_rational_sigma = 1e-6;
+  const auto rejected = calibrateCamera(all.board, all.views, Lens::kRational, strict);
+  ASSERT_FALSE(rejected);
+  EXPECT_NE(rejected.error().message.find("try plumb_bob"), std::string::npos);
 }
 
 TEST(ViewCollector, KeepsWhatIsNewAndWhatIsSharp) {
   const CharucoViews& all = CharucoViews::get();
-  ViewCollector collector(all.board, 640, 480, {.most_views = 12});
+  ViewCollector collector(all.board, 640, 480, {.max_views = 12});
   const View& first = all.views.front();
   const auto offer = [&](const View& view, double blur_px) {
-    BoardSight sight = view.sight;
-    sight.blur_px = blur_px;
-    collector.offer(view.name + " again", sight, view.image());
+    BoardView view = view.view;
+    view.blur_px = blur_px;
+    collector.offer(view.name + " again", view, view.image());
   };
   offer(first, 1.0);
   offer(first, 0.95);  // hardly sharper
@@ -193,16 +193,16 @@ TEST(ViewCollector, KeepsWhatIsNewAndWhatIsSharp) {
   EXPECT_GE(collector.count(), 6U);
   EXPECT_GT(collector.coverage().share(), 0.5);
   const std::vector<View> kept = std::move(collector).take();
-  EXPECT_EQ(kept.front().sight.blur_px, 0.5);
+  EXPECT_EQ(kept.front().view.blur_px, 0.5);
 }
 
 TEST(ViewCollector, MotionIsLeftOut) {
   const CharucoViews& all = CharucoViews::get();
   ViewCollector collector(all.board, 640, 480);
   for (const View& view : all.views) {
-    BoardSight sight = view.sight;
-    if (view.name == all.views[2].name) sight.blur_px *= 2.0;
-    collector.offer(view.name, sight, view.image());
+    BoardView view = view.view;
+    if (view.name == all.views[2].name) view.blur_px *= 2.0;
+    collector.offer(view.name, view, view.image());
   }
   const auto kept = std::move(collector).take();
   EXPECT_EQ(kept.size(), all.views.size() - 1);

@@ -9,9 +9,9 @@
 #include <Eigen/Eigenvalues>
 #include <Eigen/LU>
 
-#include "tools/calibration/board_pose.h"
 #include "slam/geometry/reprojection.h"
 #include "slam/geometry/robust.h"
+#include "tools/calibration/board_pose.h"
 
 namespace waymark::calibration {
 namespace {
@@ -56,11 +56,11 @@ class Problem {
   void setNoise(double noise) { noise_ = noise; }
 
   // Empty where a point is behind the camera.
-  [[nodiscard]] std::optional<std::vector<ViewNormal>> linearise(const State& state) const {
+  [[nodiscard]] std::optional<std::vector<ViewNormal>> linearize(const State& state) const {
     const CameraModel camera(state.camera);
     std::vector<ViewNormal> normals;
     for (std::size_t v = 0; v < views_.size(); ++v) {
-      auto normal = linearise(camera, state.T_c_b[v], views_[v]);
+      auto normal = linearize(camera, state.T_c_b[v], views_[v]);
       if (!normal) return std::nullopt;
       normals.push_back(std::move(*normal));
     }
@@ -97,7 +97,7 @@ class Problem {
   // Standard deviation of whitened residuals, from their median.
   [[nodiscard]] double robustNoise(const State& state) const {
     constexpr double kMedianOfChi2With2 = 1.386;
-    constexpr double kLeast = 1e-3;
+    constexpr double kMin = 1e-3;
     const auto all = residuals(state);
     std::vector<double> squared;
     for (std::size_t v = 0; v < views_.size(); ++v) {
@@ -105,7 +105,7 @@ class Problem {
         squared.push_back(whitened(views_[v][i], all[v][i]).squaredNorm());
       }
     }
-    return std::max(kLeast, std::sqrt(slam::median(std::move(squared)) / kMedianOfChi2With2));
+    return std::max(kMin, std::sqrt(slam::median(std::move(squared)) / kMedianOfChi2With2));
   }
 
  private:
@@ -115,7 +115,7 @@ class Problem {
     return slam::whitening(point.covariance) * residual;
   }
 
-  [[nodiscard]] std::optional<ViewNormal> linearise(const CameraModel& camera, const Transform& T,
+  [[nodiscard]] std::optional<ViewNormal> linearize(const CameraModel& camera, const Transform& T,
                                                     const std::vector<BoardPoint>& points) const {
     const Eigen::Index n = kPinhole + coefficientCount(lens_);
     ViewNormal normal{Eigen::MatrixXd::Zero(n, n),
@@ -128,17 +128,17 @@ class Problem {
       const Eigen::Vector3d turned = T.R * board_[point.index];
       const Eigen::Vector3d p = turned + T.p;
       if (p.z() < kNearest) return std::nullopt;
-      const Eigen::Vector2d normalised = p.head<2>() / p.z();
+      const Eigen::Vector2d normalized = p.head<2>() / p.z();
       Eigen::Matrix2d D;
       const Eigen::Matrix2d W = slam::whitening(point.covariance);
-      const Eigen::Vector2d r = W * (camera.distort(normalised, &D) - point.pixel);
+      const Eigen::Vector2d r = W * (camera.distort(normalized, &D) - point.pixel);
       Eigen::Matrix<double, 2, 3> J_point;
       J_point << 1.0 / p.z(), 0.0, -p.x() / (p.z() * p.z()),  //
           0.0, 1.0 / p.z(), -p.y() / (p.z() * p.z());
       Eigen::Matrix<double, 2, 6> J_pose;
       J_pose << J_point, -J_point * slam::skew(turned);
       J_pose = W * D * J_pose;
-      const Eigen::Matrix2Xd J = W * parameterJacobian(camera, lens_, normalised);
+      const Eigen::Matrix2Xd J = W * parameterJacobian(camera, lens_, normalized);
       const double weight = slam::huberWeight(r.squaredNorm(), threshold());
       normal.A += weight * J.transpose() * J;
       normal.C += weight * J.transpose() * J_pose;
@@ -211,10 +211,10 @@ bool usable(const State& state) {
 }
 
 // Of the first `free` parameters; the others stay.
-void minimise(const Problem& problem, Eigen::Index free, int max_iterations, State* state) {
+void minimize(const Problem& problem, Eigen::Index free, int max_iterations, State* state) {
   constexpr double kConverged = 1e-9;  // relative fall of the cost
   constexpr double kHopeless = 1e10;   // damping beyond which no step will help
-  auto normals = problem.linearise(*state);
+  auto normals = problem.linearize(*state);
   if (!normals) return;
   double damping = 1e-4;
   for (int i = 0; i < max_iterations && damping < kHopeless; ++i) {
@@ -227,7 +227,7 @@ void minimise(const Problem& problem, Eigen::Index free, int max_iterations, Sta
     }
     *state = next;
     if (before - *after <= kConverged * before) return;
-    normals = problem.linearise(*state);
+    normals = problem.linearize(*state);
     if (!normals) return;
     damping = std::max(0.1 * damping, 1e-12);
   }
@@ -247,12 +247,12 @@ std::optional<State> firstGuess(const std::vector<Eigen::Vector3d>& board,
                                 std::span<const std::vector<BoardPoint>> views, int width,
                                 int height, Lens lens) {
   constexpr double kShortest = 0.2;  // of the picture's width
-  constexpr double kLongest = 8.0;
+  constexpr double kMax = 8.0;
   constexpr double kRatio = 1.15;
   const double unseen_px = 0.1 * width;
   std::optional<State> best;
   double best_cost = std::numeric_limits<double>::infinity();
-  for (double focal = kShortest; focal < kLongest; focal *= kRatio) {
+  for (double focal = kShortest; focal < kMax; focal *= kRatio) {
     State state{blankCamera(width, height, lens, focal * width), {}};
     const CameraModel camera(state.camera);
     double cost = 0.0;
@@ -362,20 +362,20 @@ Calibration withParameters(Calibration camera, Lens lens, const Eigen::VectorXd&
 }
 
 Eigen::Matrix2Xd parameterJacobian(const CameraModel& camera, Lens lens,
-                                   const Eigen::Vector2d& normalised) {
+                                   const Eigen::Vector2d& normalized) {
   const Eigen::Index n = kPinhole + coefficientCount(lens);
   Eigen::Matrix2Xd J(2, n);
-  const slam::IntrinsicJacobian first = camera.intrinsicJacobian(normalised);
+  const slam::IntrinsicJacobian first = camera.intrinsicJacobian(normalized);
   J.leftCols(std::min<Eigen::Index>(n, first.cols())) =
       first.leftCols(std::min<Eigen::Index>(n, first.cols()));
   if (lens != Lens::kRational) return J;
   // d (num / den) / d k4 = -num / den^2 r^2, and so on.
   const auto& d = camera.calibration().distortion;
-  const double r2 = normalised.squaredNorm();
+  const double r2 = normalized.squaredNorm();
   const double num = 1.0 + r2 * (d[0] + r2 * (d[1] + r2 * d[4]));
   const double den = 1.0 + r2 * (d[5] + r2 * (d[6] + r2 * d[7]));
-  const Eigen::Vector2d scaled(camera.calibration().fx * normalised.x(),
-                               camera.calibration().fy * normalised.y());
+  const Eigen::Vector2d scaled(camera.calibration().fx * normalized.x(),
+                               camera.calibration().fy * normalized.y());
   double power = r2;
   for (Eigen::Index column = first.cols(); column < n; ++column, power *= r2) {
     J.col(column) = -num / (den * den) * power * scaled;
@@ -390,8 +390,8 @@ double Solution::sigma(Eigen::Index parameter) const {
 std::optional<Solution> solveCamera(const std::vector<Eigen::Vector3d>& board,
                                     std::span<const std::vector<BoardPoint>> views, int width,
                                     int height, Lens lens, const SolverOptions& options) {
-  constexpr std::size_t kFewestViews = 3;
-  if (views.size() < kFewestViews) return std::nullopt;
+  constexpr std::size_t kMinViews = 3;
+  if (views.size() < kMinViews) return std::nullopt;
   std::optional<State> state = firstGuess(board, views, width, height, lens);
   if (!state) return std::nullopt;
   Problem problem(board, views, lens, options.huber_sigmas);
@@ -400,11 +400,11 @@ std::optional<Solution> solveCamera(const std::vector<Eigen::Vector3d>& board,
   // right.
   for (const Eigen::Index free : {Eigen::Index{2}, kPinhole, kPinhole + 2, all, all}) {
     problem.setNoise(problem.robustNoise(*state));
-    minimise(problem, free, options.max_iterations, &*state);
+    minimize(problem, free, options.max_iterations, &*state);
   }
   const double noise = problem.robustNoise(*state);
   problem.setNoise(noise);
-  const auto normals = problem.linearise(*state);
+  const auto normals = problem.linearize(*state);
   if (!normals) return std::nullopt;
   return solutionOf(problem, *state, *normals, noise);
 }

@@ -10,9 +10,9 @@
 
 #include <Eigen/Core>
 
-#include "tools/calibration/board_detector.h"
 #include "slam/geometry/camera_model.h"
 #include "slam/geometry/transform.h"
+#include "tools/calibration/board_detector.h"
 
 namespace waymark::calibration {
 
@@ -29,7 +29,7 @@ enum class Lens {
                                                const Eigen::VectorXd& parameters);
 // d pixel / d parameters, 2 x parameters, of a point at z = 1.
 [[nodiscard]] Eigen::Matrix2Xd parameterJacobian(const slam::CameraModel& camera, Lens lens,
-                                                 const Eigen::Vector2d& normalised);
+                                                 const Eigen::Vector2d& normalized);
 
 struct SolverOptions {
   int max_iterations = 60;

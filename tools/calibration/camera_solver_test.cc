@@ -5,13 +5,13 @@
 #include <gtest/gtest.h>
 #include <opencv2/calib3d.hpp>
 
+#include "slam/geometry/homography.h"
+#include "slam/testing/synthetic.h"
 #include "tools/calibration/board.h"
 #include "tools/calibration/board_pose.h"
 #include "tools/calibration/plane_homography.h"
 #include "tools/calibration/projection_sigma.h"
 #include "tools/calibration/testing/drawn_board.h"
-#include "slam/geometry/homography.h"
-#include "slam/testing/synthetic.h"
 
 namespace waymark::calibration {
 namespace {
@@ -155,7 +155,7 @@ TEST(CameraSolver, AgreesWithOpenCv) {
   std::vector<cv::Mat> rotations, translations;
   const double rms =
       cv::calibrateCamera(objects, images, {640, 480}, K, d, rotations, translations);
-  // Without the robust kernel both minimise the same.
+  // Without the robust kernel both minimize the same.
   const auto solution =
       solveCamera(board.points(), views, 640, 480, Lens::kPlumbBob, {.huber_sigmas = 1e3});
   ASSERT_TRUE(solution);

@@ -10,7 +10,7 @@ namespace waymark::calibration {
 namespace {
 
 // Moves points to their centre and scales them to a mean distance of sqrt(2).
-Eigen::Matrix3d normalisation(std::span<const Eigen::Vector2d> points) {
+Eigen::Matrix3d normalization(std::span<const Eigen::Vector2d> points) {
   Eigen::Vector2d centre = Eigen::Vector2d::Zero();
   for (const Eigen::Vector2d& p : points) centre += p;
   centre /= static_cast<double>(points.size());
@@ -30,8 +30,8 @@ std::optional<Eigen::Matrix3d> fitHomography(std::span<const Eigen::Vector2d> fr
   using Vector9d = Eigen::Matrix<double, 9, 1>;
   constexpr double kDegenerate = 1e-9;  // second smallest eigenvalue by the largest
   if (from.size() < 4 || from.size() != to.size()) return std::nullopt;
-  const Eigen::Matrix3d T_from = normalisation(from);
-  const Eigen::Matrix3d T_to = normalisation(to);
+  const Eigen::Matrix3d T_from = normalization(from);
+  const Eigen::Matrix3d T_to = normalization(to);
   Eigen::Matrix<double, 9, 9> M = Eigen::Matrix<double, 9, 9>::Zero();
   for (std::size_t i = 0; i < from.size(); ++i) {
     const Eigen::Vector3d p = T_from * from[i].homogeneous();

@@ -13,12 +13,12 @@ constexpr int kRows = 9;
 
 // d pixel / d small rotation of the camera.
 Eigen::Matrix<double, 2, 3> rotationJacobian(const slam::CameraModel& camera,
-                                             const Eigen::Vector2d& normalised) {
+                                             const Eigen::Vector2d& normalized) {
   Eigen::Matrix2d D;
-  (void)camera.distort(normalised, &D);
+  (void)camera.distort(normalized, &D);
   Eigen::Matrix<double, 2, 3> J_point;
-  J_point << 1.0, 0.0, -normalised.x(), 0.0, 1.0, -normalised.y();
-  return -D * J_point * slam::skew(normalised.homogeneous());
+  J_point << 1.0, 0.0, -normalized.x(), 0.0, 1.0, -normalized.y();
+  return -D * J_point * slam::skew(normalized.homogeneous());
 }
 
 }  // namespace
@@ -31,10 +31,10 @@ ProjectionSigma projectionSigma(const Solution& solution) {
     for (int column = 0; column < kColumns; ++column) {
       const Eigen::Vector2d pixel(column * (camera.width() - 1.0) / (kColumns - 1),
                                   row * (camera.height() - 1.0) / (kRows - 1));
-      const auto normalised = camera.undistort(pixel);
-      if (!normalised) continue;
+      const auto normalized = camera.undistort(pixel);
+      if (!normalized) continue;
       pixels.push_back(pixel);
-      directions.push_back(*normalised);
+      directions.push_back(*normalized);
     }
   }
   ProjectionSigma result;

@@ -54,7 +54,7 @@ struct Normal {
   double cost = 0.0;
 };
 
-Normal linearise(const std::vector<Sample>& samples, const Crossing& c) {
+Normal linearize(const std::vector<Sample>& samples, const Crossing& c) {
   Normal normal;
   for (const Sample& sample : samples) {
     const Eigen::Vector2d offset = sample.pixel - c.at;
@@ -133,21 +133,21 @@ std::optional<Saddle> fitSaddle(const ImageView& image, const Eigen::Vector2d& g
                     0.0,
                     options.start_blur_px};
   estimateLevels(samples, &crossing);
-  Normal normal = linearise(samples, crossing);
+  Normal normal = linearize(samples, crossing);
   for (int i = 0; i < options.iterations; ++i) {
     Matrix7d H = normal.H;
     H.diagonal() *= 1.0 + kDamping;
     const Vector7d step = -H.ldlt().solve(normal.g);
     if (!step.allFinite()) return std::nullopt;
     crossing = crossing.stepped(step);
-    crossing.blur_px = std::clamp(crossing.blur_px, options.least_blur_px, options.most_blur_px);
+    crossing.blur_px = std::clamp(crossing.blur_px, options.min_blur_px, options.max_blur_px);
     if (!((ellipse * (crossing.at - guess)).norm() < kFarthest)) return std::nullopt;
-    normal = linearise(samples, crossing);
+    normal = linearize(samples, crossing);
     if (step.head<2>().norm() < kSettled_px) break;
   }
   const double variance = normal.cost / (static_cast<double>(samples.size()) - kUnknowns);
   const double swing = std::abs(crossing.swing);
-  if (2.0 * swing < options.least_contrast || std::sqrt(variance) > options.worst_misfit * swing) {
+  if (2.0 * swing < options.min_contrast || std::sqrt(variance) > options.worst_misfit * swing) {
     return std::nullopt;
   }
   const Matrix7d inverse = normal.H.inverse();

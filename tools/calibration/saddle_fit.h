@@ -16,9 +16,9 @@ namespace waymark::calibration {
 struct SaddleFitOptions {
   int iterations = 12;         // at most; four or five are usual
   double start_blur_px = 0.8;  // standard deviation of the point spread
-  double least_blur_px = 0.3;
-  double most_blur_px = 4.0;
-  double least_contrast = 20.0;  // grey levels between black and white
+  double min_blur_px = 0.3;
+  double max_blur_px = 4.0;
+  double min_contrast = 20.0;  // grey levels between black and white
   // What does not fit, as a share of half the contrast: above it this is no crossing.
   double worst_misfit = 0.3;
   // Error that the grey levels do not show (print, paper), pixels.

@@ -18,7 +18,7 @@ namespace waymark::calibration {
 // A view that is kept, with its picture: once the camera is roughly known, it is measured again.
 struct View {
   std::string name;  // of the frame, for people
-  BoardSight sight;
+  BoardView view;
   int width = 0, height = 0;         // pixels
   std::vector<std::uint8_t> pixels;  // row by row
 
@@ -29,7 +29,7 @@ struct ViewCollectorOptions {
   // A view is new where the board's corners have moved by this share of the picture's diagonal,
   // root mean square. It grows when there are too many.
   double novelty = 0.015;
-  std::size_t most_views = 70;  // more cost time and memory and hardly change a camera any more
+  std::size_t max_views = 70;  // more cost time and memory and hardly change a camera any more
   // One as good as known takes the place of an old one where its blur is that much smaller.
   double sharper = 0.85;
   // A blur of this many times the median is motion; such views are left out at the end.
@@ -42,7 +42,7 @@ class ViewCollector {
                 const ViewCollectorOptions& options = {});
 
   // Keeps the view, or puts it in the place of a blurred one like it, or does nothing.
-  void offer(std::string name, BoardSight sight, const ImageView& image);
+  void offer(std::string name, BoardView view, const ImageView& image);
 
   // Without those that are blurred against the others.
   [[nodiscard]] std::vector<View> take() &&;
@@ -59,7 +59,7 @@ class ViewCollector {
     Signature signature;
   };
 
-  [[nodiscard]] Signature signatureOf(const BoardSight& sight) const;
+  [[nodiscard]] Signature signatureOf(const BoardView& view) const;
   // Share of the picture's diagonal between two views.
   [[nodiscard]] double distance(const Signature& a, const Signature& b) const;
   void thinOut();

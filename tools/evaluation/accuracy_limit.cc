@@ -76,7 +76,7 @@ std::vector<Frame> framesWithTruth(std::span<const io::RecordedFrame> recorded,
 }
 
 // Removes the gross views, then the frames without a view.
-void removeGross(const LimitOptions& options, std::vector<Frame>* frames, AccuracyLimit* limit) {
+void removeOutliers(const LimitOptions& options, std::vector<Frame>* frames, AccuracyLimit* limit) {
   std::vector<double> distances_px;
   for (const Frame& frame : *frames) {
     for (const View& view : frame.views) distances_px.push_back(view.worst_px);
@@ -87,7 +87,7 @@ void removeGross(const LimitOptions& options, std::vector<Frame>* frames, Accura
   double squared_px2 = 0.0;
   std::size_t kept = 0;
   for (Frame& frame : *frames) {
-    limit->gross_views +=
+    limit->outlier_views +=
         std::erase_if(frame.views, [&](const View& view) { return !(view.worst_px <= gate_px); });
     for (const View& view : frame.views) squared_px2 += view.squared_px2;
     kept += frame.views.size();
@@ -157,7 +157,7 @@ Result<AccuracyLimit> accuracyLimit(std::span<const io::RecordedFrame> recorded,
   std::vector<Frame> frames =
       framesWithTruth(recorded, camera, truth, markers, trajectory_options.tolerance_ns);
   if (frames.empty()) return Error{"no frame has the time of a true pose"};
-  removeGross(options, &frames, &limit);
+  removeOutliers(options, &frames, &limit);
   frames = evenlySpread(frames, options.frames);
   if (frames.empty()) return Error{"no frame sees a marker where the truth has it"};
 

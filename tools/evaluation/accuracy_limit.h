@@ -11,7 +11,7 @@
 #include "io/recorded_detections.h"
 #include "io/trajectory.h"
 #include "slam/geometry/camera_model.h"
-#include "slam/optimisation/bundle_adjuster.h"
+#include "slam/optimization/bundle_adjuster.h"
 #include "tools/evaluation/evaluation.h"
 
 namespace waymark::tools {
@@ -32,8 +32,8 @@ struct LimitOptions {
 
 struct AccuracyLimit {
   std::size_t frames = 0;
-  std::size_t views = 0;        // of markers in frames that took part
-  std::size_t gross_views = 0;  // left out of the whole recording
+  std::size_t views = 0;          // of markers in frames that took part
+  std::size_t outlier_views = 0;  // left out of the whole recording
   // Corners of all views that are not gross against the truth, RMS of a coordinate, pixels.
   double corner_rms_px = 0.0;
   TrajectoryErrors trajectory;

@@ -48,7 +48,7 @@ TEST(AccuracyLimit, ExactCornersHaveNone) {
   ASSERT_TRUE(limit.ok()) << limit.error().message;
   EXPECT_EQ(limit->frames, 60U);
   EXPECT_EQ(limit->map.common, 20U);
-  EXPECT_EQ(limit->gross_views, 0U);
+  EXPECT_EQ(limit->outlier_views, 0U);
   EXPECT_LT(limit->corner_rms_px, 1e-6);
   EXPECT_LT(limit->trajectory.ate_m.mean, 1e-6);
   EXPECT_LT(limit->map.ace_m.mean, 1e-6);
@@ -89,7 +89,7 @@ TEST(AccuracyLimit, GrossCornersAreLeftOut) {
       ++gross;
       for (std::size_t k = 0; k < 4; ++k) {
         detection.pixels[k].x() += 12.0;
-        detection.normalised[k] = *recording.camera.undistort(detection.pixels[k]);
+        detection.normalized[k] = *recording.camera.undistort(detection.pixels[k]);
       }
     }
   }
@@ -97,7 +97,7 @@ TEST(AccuracyLimit, GrossCornersAreLeftOut) {
   const auto limit = recording.limit();
   ASSERT_TRUE(undisturbed.ok() && limit.ok());
   EXPECT_GT(gross, 30U);
-  EXPECT_EQ(limit->gross_views, gross);
+  EXPECT_EQ(limit->outlier_views, gross);
   EXPECT_EQ(limit->map.common, 20U);
   EXPECT_LT(limit->map.ace_m.mean, 1.3 * undisturbed->map.ace_m.mean);
 }

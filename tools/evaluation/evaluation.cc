@@ -157,7 +157,7 @@ ViewCoverage viewCoverage(std::span<const io::VisibleMarker> visible,
   sortByTime(&estimate);
   ViewCoverage coverage{times_ns.size(), 0};
   for (const std::int64_t time_ns : times_ns) {
-    if (nearestPose(estimate, time_ns, options.tolerance_ns) != nullptr) ++coverage.localised;
+    if (nearestPose(estimate, time_ns, options.tolerance_ns) != nullptr) ++coverage.localized;
   }
   return coverage;
 }

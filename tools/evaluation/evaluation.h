@@ -8,8 +8,8 @@
 
 #include "base/result.h"
 #include "io/maps/map_file.h"
-#include "io/trajectory.h"
 #include "io/maps/visible_markers.h"
+#include "io/trajectory.h"
 #include "slam/geometry/transform.h"
 
 namespace waymark::tools {
@@ -67,10 +67,10 @@ struct MapErrors {
 // In how many of the frames in which a pose could be expected there is one.
 struct ViewCoverage {
   std::size_t frames = 0;     // in which a mapped marker is in view, large enough
-  std::size_t localised = 0;  // of those
+  std::size_t localized = 0;  // of those
 
   [[nodiscard]] double share() const {
-    return frames == 0 ? 0.0 : static_cast<double>(localised) / static_cast<double>(frames);
+    return frames == 0 ? 0.0 : static_cast<double>(localized) / static_cast<double>(frames);
   }
 };
 struct ViewCoverageOptions {

@@ -137,8 +137,8 @@ TEST(Evaluation, CoverageCountsFramesWithALargeMappedMarkerInView) {
   EXPECT_DOUBLE_EQ(viewCoverage(visible, map, estimate, {}).share(), 1.0);
   estimate.erase(estimate.begin() + 4);  // one that counts
   estimate.erase(estimate.begin() + 3);  // one that does not
-  EXPECT_EQ(viewCoverage(visible, map, estimate, {}).localised, 4U);
-  EXPECT_EQ(viewCoverage(visible, map, {}, {}).localised, 0U);
+  EXPECT_EQ(viewCoverage(visible, map, estimate, {}).localized, 4U);
+  EXPECT_EQ(viewCoverage(visible, map, {}, {}).localized, 0U);
   EXPECT_EQ(viewCoverage({}, map, estimate, {}).frames, 0U);
 }
 

@@ -49,7 +49,7 @@ TEST(LiveMap, AnIncompleteRevisionLeavesTheOneBefore) {
   EXPECT_EQ(map.markers()[0].id, 1);
 }
 
-TEST(LiveMap, RefusesImpossibleNumbers) {
+TEST(LiveMap, RejectsImpossibleNumbers) {
   LiveMap map;
   marker_t no_rotation = markerAt(1, 0.0);
   no_rotation.q_w_m[0] = 0.0;

@@ -48,7 +48,7 @@ const char* stateText(slam::MarkerState state) {
       return "mapped";
     case slam::MarkerState::kQuarantined:
       return "quarantined";
-    case slam::MarkerState::kRefused:
+    case slam::MarkerState::kBanned:
       return "refused";
     case slam::MarkerState::kUnresolved:
       break;

@@ -24,7 +24,7 @@ TEST(MapInfo, OfASmallMap) {
     keyframe.detections.push_back(
         *slam::testing::observe(camera, keyframe.T_w_c, id, *marker.T_w_m, 0.2, 0.0, &rng));
   }
-  file.map.addMarker(9, 0.1).state = slam::MarkerState::kRefused;
+  file.map.addMarker(9, 0.1).state = slam::MarkerState::kBanned;
   // One marker's pixels are off by (3, 4), the other's are exact.
   for (Eigen::Vector2d& pixel : keyframe.detections[1].pixels) pixel += Eigen::Vector2d(3, 4);
   file.map.addKeyframe(keyframe);

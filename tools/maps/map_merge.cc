@@ -5,8 +5,8 @@
 #include <optional>
 #include <utility>
 
-#include "io/text/number_text.h"
 #include "io/maps/old_map.h"
+#include "io/text/number_text.h"
 #include "slam/geometry/align_points.h"
 
 namespace waymark::tools {
@@ -139,7 +139,7 @@ void mergeMarker(const slam::MapMarker& theirs, const std::vector<int>& disagree
     return state == slam::MarkerState::kMapped || state == slam::MarkerState::kUnresolved;
   };
   const bool disagrees = std::binary_search(disagreeing.begin(), disagreeing.end(), id);
-  if (disagrees || known->state == slam::MarkerState::kRefused || !trusted(theirs.state)) {
+  if (disagrees || known->state == slam::MarkerState::kBanned || !trusted(theirs.state)) {
     dropViews(id, b);
   } else if (!known->T_w_m && theirs.T_w_m) {
     if (!trusted(known->state)) dropViews(id, ours);  // of where it hung before

@@ -24,7 +24,7 @@ struct MergeReport {
   std::vector<int> agreeing;     // ids
   std::vector<int> disagreeing;  // ids: moved between the maps, or two prints
   std::vector<int> added;        // ids of the markers that only b has a pose for
-  double rms_m = 0.0;            // of the agreeing corners, before any optimisation
+  double rms_m = 0.0;            // of the agreeing corners, before any optimization
   std::vector<std::string> warnings;
 };
 

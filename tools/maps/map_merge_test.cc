@@ -5,7 +5,7 @@
 
 #include <gtest/gtest.h>
 
-#include "slam/optimisation/map_optimiser.h"
+#include "slam/optimization/map_optimizer.h"
 #include "slam/testing/synthetic.h"
 
 namespace waymark::tools {
@@ -83,7 +83,7 @@ TEST_F(Merge, JoinsByTheSharedMarkers) {
   EXPECT_EQ(a_.map.viewsOf(3).size(), a_.map.viewsOf(4).size());
   // And the keyframes of both are of use together: a marker put wrong is put right.
   a_.map.marker(7).T_w_m->p.y() += 0.01;
-  slam::optimiseGlobally(&a_.map, {.size_m = kSize_m}, {.max_iterations = 30});
+  slam::optimizeGlobally(&a_.map, {.size_m = kSize_m}, {.max_iterations = 30});
   EXPECT_LT((a_.map.find(7)->T_w_m->p - wall_[7].T_w_m.p).norm(), 0.003);
 }
 
@@ -135,16 +135,16 @@ TEST_F(Merge, AnotherCamera) {
 }
 
 TEST_F(Merge, StatesOfMarkers) {
-  // Refused here: stays so. Refused there: its views are not wanted. Unknown here: theirs.
-  a_.map.marker(3).state = slam::MarkerState::kRefused;
+  // Rejected here: stays so. Rejected there: its views are not wanted. Unknown here: theirs.
+  a_.map.marker(3).state = slam::MarkerState::kBanned;
   a_.map.marker(3).T_w_m.reset();
-  b_.map.marker(4).state = slam::MarkerState::kRefused;
+  b_.map.marker(4).state = slam::MarkerState::kBanned;
   b_.map.marker(4).T_w_m.reset();
   a_.map.marker(12).state = slam::MarkerState::kUnresolved;
   a_.map.marker(12).T_w_m.reset();
   const auto report = mergeMaps(&a_, b_, {});
   ASSERT_TRUE(report) << report.error().message;
-  EXPECT_EQ(a_.map.find(3)->state, slam::MarkerState::kRefused);
+  EXPECT_EQ(a_.map.find(3)->state, slam::MarkerState::kBanned);
   for (const slam::KeyframeId id : a_.map.viewsOf(3)) EXPECT_LT(id, 4);
   EXPECT_EQ(a_.map.find(4)->state, slam::MarkerState::kMapped);
   for (const slam::KeyframeId id : a_.map.viewsOf(4)) EXPECT_LT(id, 4);

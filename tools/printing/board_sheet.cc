@@ -3,8 +3,8 @@
 #include <cmath>
 #include <string>
 
-#include "tools/printing/marker_sheets.h"
 #include "slam/detection/codes/dictionary.h"
+#include "tools/printing/marker_sheets.h"
 
 namespace waymark::printing {
 namespace {

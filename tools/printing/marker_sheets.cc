@@ -8,7 +8,7 @@ namespace waymark::printing {
 namespace {
 
 constexpr double kCutLine_mm = 0.1;
-constexpr double kLongestCutMark_mm = 3.0;
+constexpr double kMaxCutMark_mm = 3.0;
 constexpr double kTextGap_mm = 0.6;  // below the line of text
 
 // How markers are laid out: tiles side by side, so that one cut separates two.
@@ -60,7 +60,7 @@ void addCutMark(double x, double y, double arm_mm, PdfPage* page) {
 }
 
 void addCutMarks(const Tiling& t, const Box& area, std::size_t markers, PdfPage* page) {
-  const double arm_mm = std::min(kLongestCutMark_mm, 0.5 * t.quiet_mm);
+  const double arm_mm = std::min(kMaxCutMark_mm, 0.5 * t.quiet_mm);
   const auto columns = static_cast<std::size_t>(t.columns);
   for (std::size_t row = 0; row <= static_cast<std::size_t>(t.rows); ++row) {
     for (std::size_t column = 0; column <= columns; ++column) {

@@ -5,8 +5,8 @@
 #include <vector>
 
 #include "base/result.h"
-#include "tools/printing/paper.h"
 #include "slam/detection/codes/dictionary.h"
+#include "tools/printing/paper.h"
 
 namespace waymark::printing {
 

@@ -6,13 +6,13 @@
 #include <gtest/gtest.h>
 #include <opencv2/imgcodecs.hpp>
 
-#include "tools/calibration/board_detector.h"
 #include "io/text/text_file.h"
-#include "tools/printing/board_sheet.h"
-#include "tools/printing/marker_sheets.h"
 #include "slam/detection/marker_detector.h"
 #include "tests/process.h"
 #include "tests/temporary_directory.h"
+#include "tools/calibration/board_detector.h"
+#include "tools/printing/board_sheet.h"
+#include "tools/printing/marker_sheets.h"
 
 namespace waymark::printing {
 namespace {
@@ -84,7 +84,7 @@ TEST(MarkerSheets, EveryMarkerIsThereUprightAndTrueToScale) {
   }
 }
 
-TEST(MarkerSheets, LargeMarkersTurnThePageOrAreRefused) {
+TEST(MarkerSheets, LargeMarkersTurnThePageOrAreRejected) {
   const slam::Dictionary dictionary = *slam::Dictionary::byName("4X4_50");
   MarkerSheetOptions options;
   options.ids = {3};
@@ -97,10 +97,10 @@ TEST(MarkerSheets, LargeMarkersTurnThePageOrAreRefused) {
   ASSERT_TRUE(upright) << upright.error().message;
   EXPECT_EQ(upright->front().width_mm, 190.0);
   options.marker_size_m = 0.3;
-  const auto refused = markerSheets(dictionary, options);
-  ASSERT_FALSE(refused);
-  EXPECT_NE(refused.error().message.find("the page has room for 380x156"), std::string::npos)
-      << refused.error().message;
+  const auto rejected = markerSheets(dictionary, options);
+  ASSERT_FALSE(rejected);
+  EXPECT_NE(rejected.error().message.find("the page has room for 380x156"), std::string::npos)
+      << rejected.error().message;
   options.ids = {50};
   EXPECT_EQ(markerSheets(dictionary, options).error().message, "4X4_50 has ids 0 to 49, not 50");
 }
@@ -173,7 +173,7 @@ TEST(BoardSheet, ADetectorFindsEveryCornerInItsPlace) {
   }
 }
 
-TEST(BoardSheet, TooLargeABoardIsRefused) {
+TEST(BoardSheet, TooLargeABoardIsRejected) {
   calibration::BoardOptions options;
   options.square_size_m = 0.04;
   options.marker_size_m = 0.03;

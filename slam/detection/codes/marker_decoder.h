@@ -45,7 +45,7 @@ class MarkerDecoder {
   MarkerDecoder(const CameraModel& camera, const Dictionary& dictionary,
                 const MarkerDecoderOptions& options = {});
 
-  // `corners`: normalised, clockwise in the image, starting anywhere.
+  // `corners`: normalized, clockwise in the image, starting anywhere.
   [[nodiscard]] QuadReading read(const ImageView& image,
                                  const std::array<Eigen::Vector2d, 4>& corners);
 

@@ -5,7 +5,7 @@
 #include <cmath>
 #include <cstddef>
 
-#include "base/vectorised.h"
+#include "base/vectorized.h"
 #include "slam/geometry/small_cholesky.h"
 
 namespace waymark::slam {
@@ -43,7 +43,7 @@ struct NormalSums {
     }
     return gradient;
   }
-  // Of the residuals; at least a quarter, which quantisation makes.
+  // Of the residuals; at least a quarter, which quantization makes.
   [[nodiscard]] double variance() const {
     const double degrees = static_cast<double>(sums[kWeights]) - double{kUnknowns};
     return std::max(static_cast<double>(sums[kSquares]) / std::max(degrees, 1.0), 0.25);
@@ -57,7 +57,7 @@ struct Neighbours {
   bool end;
   bool ring;
 };
-using GroupNeighbours = std::array<Neighbours, EdgeRows::kMostRows / kLanes>;
+using GroupNeighbours = std::array<Neighbours, EdgeRows::kMaxRows / kLanes>;
 
 // blur_px: the largest that is to be reckoned with.
 void findNeighbours(const EdgeRows& rows, float blur_px, GroupNeighbours* groups) {
@@ -102,7 +102,7 @@ WAYMARK_INLINE void termsOf(const RowSums& s, const Lanes& t, std::array<Lanes, 
 
 // cut: squared residual at which a pixel's weight has fallen to a half (Cauchy's kernel).
 // Precondition: there are rows.
-WAYMARK_VECTORISED void linearise(const EdgeRows& rows, const GroupNeighbours& neighbours,
+WAYMARK_VECTORIZED void linearize(const EdgeRows& rows, const GroupNeighbours& neighbours,
                                   const std::array<float, kUnknowns>& x, float cut,
                                   NormalSums* normal) {
   const float contrast = x[kBlack] - x[kWhite];
@@ -190,7 +190,7 @@ WAYMARK_VECTORISED void linearise(const EdgeRows& rows, const GroupNeighbours& n
 }
 
 // How many samples count.
-WAYMARK_VECTORISED int pixelsIn(const EdgeRows& rows) {
+WAYMARK_VECTORIZED int pixelsIn(const EdgeRows& rows) {
   IntLanes counted{};
   for (std::size_t i = 0; i < rows.rows(); i += kLanes) {
     const Lanes innermost = lanesAt(rows.innermost.data(), i);
@@ -210,19 +210,19 @@ WAYMARK_VECTORISED int pixelsIn(const EdgeRows& rows) {
 
 std::optional<EdgeFit> fitEdge(const EdgeRows& rows, const EdgeFit& start,
                                const EdgeFitOptions& options) {
-  constexpr int kFewest = 16;
-  constexpr double kConverged = 0.02;   // pixels: the next step would be a quarter of it at most
-  constexpr double kLongestStep = 1.5;  // pixels
+  constexpr int kMin = 16;
+  constexpr double kConverged = 0.02;  // pixels: the next step would be a quarter of it at most
+  constexpr double kMaxStep = 1.5;     // pixels
   // Standard deviations of the priors that hold what a short edge cannot tell.
   constexpr double kSlopePrior = 10.0;  // grey levels from end to end
   constexpr double kBlurPrior = 0.5;    // pixels
-  if (pixelsIn(rows) < kFewest) return std::nullopt;
+  if (pixelsIn(rows) < kMin) return std::nullopt;
 
   VectorU x;
   x << start.shift_start, start.shift_end, start.white, start.black, start.blur_px, 0.0, 0.0;
-  constexpr double kMostGrowth = 1.3;  // of the blur
+  constexpr double kMaxGrowth = 1.3;  // of the blur
   GroupNeighbours neighbours;
-  findNeighbours(rows, static_cast<float>(kMostGrowth * start.blur_px), &neighbours);
+  findNeighbours(rows, static_cast<float>(kMaxGrowth * start.blur_px), &neighbours);
   MatrixU L;  // of the last iteration
   // Where the levels are guessed, nothing is an outlier yet.
   double variance = start.variance > 0.0 ? start.variance : 1e9;
@@ -233,7 +233,7 @@ std::optional<EdgeFit> fitEdge(const EdgeRows& rows, const EdgeFit& start,
       xf[i] = static_cast<float>(x[static_cast<Eigen::Index>(i)]);
     }
     NormalSums sums;
-    linearise(rows, neighbours, xf, cut, &sums);
+    linearize(rows, neighbours, xf, cut, &sums);
     MatrixU H = sums.matrix();
     VectorU g = sums.gradient();
     variance = sums.variance();
@@ -247,11 +247,11 @@ std::optional<EdgeFit> fitEdge(const EdgeRows& rows, const EdgeFit& start,
     prior(kBlackSlope, 0.0, kSlopePrior);
 
     L = H;
-    if (!factoriseCholesky(&L)) return std::nullopt;
+    if (!factorizeCholesky(&L)) return std::nullopt;
     VectorU step = solveCholesky(L, g);
     if (!step.allFinite()) return std::nullopt;
     for (const Unknown k : {kShiftStart, kShiftEnd}) {
-      step[k] = std::clamp(step[k], -kLongestStep, kLongestStep);
+      step[k] = std::clamp(step[k], -kMaxStep, kMaxStep);
     }
     x -= step;
     x[kBlur] = std::clamp(x[kBlur], options.min_blur_px, options.max_blur_px);

@@ -130,7 +130,7 @@ TEST_F(EdgeFitTest, AFewWrongPixelsDoNotMoveIt) {
   EXPECT_NEAR(fit->shift_end, truth.shift_end, 0.05);
 }
 
-TEST_F(EdgeFitTest, RefusesWhatIsNoEdge) {
+TEST_F(EdgeFitTest, RejectsWhatIsNoEdge) {
   EXPECT_FALSE(fitEdge(EdgeRows{}, {}, options_));
   Truth truth;
   auto flat = render(truth, 3.0, &rng_);

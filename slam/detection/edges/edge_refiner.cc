@@ -7,7 +7,7 @@
 #include <Eigen/Geometry>
 #include <Eigen/LU>
 
-#include "base/vectorised.h"
+#include "base/vectorized.h"
 namespace waymark::slam {
 namespace {
 
@@ -40,7 +40,7 @@ Eigen::Vector3d movedLine(const MarkerSide& side, const EdgeFit& fit) {
 }
 
 struct Corner {
-  Eigen::Vector2d normalised;
+  Eigen::Vector2d normalized;
   Eigen::Matrix2d covariance;
 };
 
@@ -54,8 +54,8 @@ std::optional<Corner> intersect(const MarkerSide& in, const EdgeFit& in_fit, con
   if (!(std::abs(normals.determinant()) > kNearlyParallel)) return std::nullopt;
   const Eigen::Vector3d meet = movedLine(in, in_fit).cross(movedLine(out, out_fit));
   Corner corner;
-  corner.normalised = meet.head<2>() / meet.z();
-  if (!corner.normalised.allFinite()) return std::nullopt;
+  corner.normalized = meet.head<2>() / meet.z();
+  if (!corner.normalized.allFinite()) return std::nullopt;
   // A corner moves so that both lines still pass through it: normals * d = (shift in, shift out).
   const Eigen::Matrix2d inverse = normals.inverse();
   const Eigen::Vector2d variance(in_fit.covariance(1, 1) / (in.scale_end * in.scale_end),
@@ -99,7 +99,7 @@ WAYMARK_INLINE Lanes derivativeOf(const std::array<float, 5>& c, const Lanes& t)
 
 // Where each row crosses the side, and what follows from that. first_sample: by row, its first
 // sample's coordinate on the minor axis.
-WAYMARK_VECTORISED void crossRows(const MarkerSide& side, const SideWindow& window,
+WAYMARK_VECTORIZED void crossRows(const MarkerSide& side, const SideWindow& window,
                                   const RowGrid& grid, EdgeRows* rows, std::int32_t* first_sample) {
   const auto f = [](double value) { return static_cast<float>(value); };
   std::array<float, 5> along;
@@ -194,7 +194,7 @@ EdgeRefiner::EdgeRefiner(const CameraModel& camera, const EdgeRefinerOptions& op
     : camera_(camera), options_(options) {}
 
 void EdgeRefiner::layOutRows(const ImageView& image, const std::array<MarkerSide, 4>& sides,
-                             std::size_t index, const InnerRing* ring, int most_rows,
+                             std::size_t index, const InnerRing* ring, int max_rows,
                              double blur_px) {
   const MarkerSide& side = sides[index];
   const SideWindow window = windowFor(side, blur_px, ring != nullptr);
@@ -206,14 +206,14 @@ void EdgeRefiner::layOutRows(const ImageView& image, const std::array<MarkerSide
   const int last_minor = (major == 0 ? image.height : image.width) - 1;
   const double reach =
       std::max(window.outer, window.inner) * side.length_px / std::abs(delta_px[major]);
-  const auto across = std::min(static_cast<std::size_t>(2.0 * reach) + 1, EdgeRows::kMostAcross);
+  const auto across = std::min(static_cast<std::size_t>(2.0 * reach) + 1, EdgeRows::kMaxAcross);
 
   const double margin_t = window.end_margin / side.length_px;
   const double from = side.pixelAt(margin_t)[major];
   const double to = side.pixelAt(1.0 - margin_t)[major];
   const int first = inRange(std::ceil(std::min(from, to)), last_major);
   const int last = inRange(std::floor(std::max(from, to)), last_major);
-  const int most = std::min(most_rows, static_cast<int>(EdgeRows::kMostRows));
+  const int most = std::min(max_rows, static_cast<int>(EdgeRows::kMaxRows));
   const int step = 1 + (last - first) / std::max(most, 1);
   const int count = last < first ? 0 : (last - first) / step + 1;
   rows_.resize(static_cast<std::size_t>(count), across);
@@ -251,7 +251,7 @@ std::optional<RefinedQuad> EdgeRefiner::refine(const ImageView& image,
                                                int cells, const InnerRing* ring,
                                                const SideFits* edges) {
   RefinedQuad quad;
-  quad.normalised = corners;
+  quad.normalized = corners;
   SideFits& fits = quad.edges;
   if (edges != nullptr) {
     fits = *edges;
@@ -264,7 +264,7 @@ std::optional<RefinedQuad> EdgeRefiner::refine(const ImageView& image,
   const bool rough_first = ring != nullptr && edges == nullptr;
   bool settled = false;
   for (int pass = rough_first ? -1 : 0; pass < kPasses && !settled; ++pass) {
-    const auto sides = layOutSides(camera_, quad.normalised, cells);
+    const auto sides = layOutSides(camera_, quad.normalized, cells);
     if (!sides) return std::nullopt;
     const int rows = pass < 0 || ring == nullptr ? options_.rows_rough : options_.rows_fine;
     settled = pass >= 0;
@@ -281,11 +281,11 @@ std::optional<RefinedQuad> EdgeRefiner::refine(const ImageView& image,
       const auto corner = intersect((*sides)[before], fits[before], (*sides)[k], fits[k],
                                     options_.systematic_sigma_px);
       if (!corner) return std::nullopt;
-      quad.normalised[k] = corner->normalised;
+      quad.normalized[k] = corner->normalized;
       quad.covariance[k] = corner->covariance;
     }
   }
-  for (std::size_t k = 0; k < 4; ++k) quad.pixels[k] = camera_.distort(quad.normalised[k]);
+  for (std::size_t k = 0; k < 4; ++k) quad.pixels[k] = camera_.distort(quad.normalized[k]);
   return quad;
 }
 

@@ -53,8 +53,8 @@ using SideFits = std::array<EdgeFit, 4>;
 
 struct RefinedQuad {
   std::array<Eigen::Vector2d, 4> pixels;      // distorted
-  std::array<Eigen::Vector2d, 4> normalised;  // undistorted
-  std::array<Eigen::Matrix2d, 4> covariance;  // of normalised
+  std::array<Eigen::Vector2d, 4> normalized;  // undistorted
+  std::array<Eigen::Matrix2d, 4> covariance;  // of normalized
   SideFits edges;
 };
 
@@ -63,7 +63,7 @@ class EdgeRefiner {
   // The camera must outlive the refiner.
   explicit EdgeRefiner(const CameraModel& camera, const EdgeRefinerOptions& options = {});
 
-  // `corners`: normalised, clockwise in the image, good to about a pixel and a half. `cells`: cells
+  // `corners`: normalized, clockwise in the image, good to about a pixel and a half. `cells`: cells
   // along a side with the border. `ring` (may be null: the code is not known, and the corners come
   // out roughly) must be in the order of the corners. `edges`: how they looked a frame before, or
   // in a rough refinement; without it (null) there is a rough one first. Empty when a side has too
@@ -76,13 +76,13 @@ class EdgeRefiner {
  private:
   // Fills rows_ with the pixels near side `index`.
   void layOutRows(const ImageView& image, const std::array<MarkerSide, 4>& sides, std::size_t index,
-                  const InnerRing* ring, int most_rows, double blur_px);
+                  const InnerRing* ring, int max_rows, double blur_px);
 
   const CameraModel& camera_;
   EdgeRefinerOptions options_;
   // Reused from side to side.
   EdgeRows rows_;
-  std::array<std::int32_t, EdgeRows::kMostRows> first_sample_{};  // by row, a pixel coordinate
+  std::array<std::int32_t, EdgeRows::kMaxRows> first_sample_{};  // by row, a pixel coordinate
 };
 
 }  // namespace waymark::slam

@@ -1,5 +1,5 @@
 // Pixels near an edge, in rows that cross it: as many samples in every row, eight rows side by side
-// as vectorised loops want them.
+// as vectorized loops want them.
 #pragma once
 
 #include <array>
@@ -25,9 +25,9 @@ struct EdgeRow {
 
 class EdgeRows {
  public:
-  static constexpr std::size_t kMostRows = 64;  // a multiple of kLanes
-  static constexpr std::size_t kMostAcross = 32;
-  using Field = std::array<float, kMostRows>;
+  static constexpr std::size_t kMaxRows = 64;  // a multiple of kLanes
+  static constexpr std::size_t kMaxAcross = 32;
+  using Field = std::array<float, kMaxRows>;
 
   // By row.
   alignas(32) Field t, distance, step, innermost, outermost, to_start, to_end, thickness,
@@ -38,7 +38,7 @@ class EdgeRows {
   float to_end_step = 0.0F;
 
   // So many rows, and some in which nothing counts, up to whole lanes: whoever fills the fields
-  // calls ignorePadding() then. Preconditions: rows <= kMostRows, 0 < across <= kMostAcross.
+  // calls ignorePadding() then. Preconditions: rows <= kMaxRows, 0 < across <= kMaxAcross.
   void resize(std::size_t rows, std::size_t across) {
     given_ = rows;
     rows_ = (rows + kLanes - 1) / kLanes * kLanes;
@@ -82,7 +82,7 @@ class EdgeRows {
   std::size_t given_ = 0;  // rows without the padding
   std::size_t rows_ = 0;
   std::size_t across_ = 1;
-  alignas(32) std::array<float, kMostRows * kMostAcross> grey_{};
+  alignas(32) std::array<float, kMaxRows * kMaxAcross> grey_{};
 };
 
 }  // namespace waymark::slam

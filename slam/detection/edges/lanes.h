@@ -1,6 +1,6 @@
 // Eight floats at a time, for loops over pixels that the compiler would not turn into vectors by
 // itself. Whatever the processor has (two SSE or NEON registers, one of AVX2), the bits are the
-// same. To be used within functions marked WAYMARK_VECTORISED.
+// same. To be used within functions marked WAYMARK_VECTORIZED.
 #pragma once
 
 #include <array>

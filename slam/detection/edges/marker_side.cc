@@ -38,7 +38,7 @@ bool layOutLine(const CameraModel& camera, const Eigen::Vector2d& start, const E
   const auto between = [&](double t) { return camera.distort(start + t * (end - start)); };
   side->curve_px =
       quarticThrough({side->start_px, between(0.25), between(0.5), between(0.75), side->end_px});
-  // A line moved by d in normalised units moves by d / |J^-T outward| pixels across itself.
+  // A line moved by d in normalized units moves by d / |J^-T outward| pixels across itself.
   side->scale_start = 1.0 / (J_start.inverse().transpose() * side->outward).norm();
   side->scale_end = 1.0 / (J_end.inverse().transpose() * side->outward).norm();
   return true;

@@ -10,17 +10,17 @@
 
 namespace waymark::slam {
 
-// A straight line in normalised coordinates, between two corners.
+// A straight line in normalized coordinates, between two corners.
 struct MarkerSide {
-  Eigen::Vector2d start, end;        // normalised
-  Eigen::Vector2d along, outward;    // unit vectors, normalised coordinates
-  double length = 0.0;               // normalised
+  Eigen::Vector2d start, end;        // normalized
+  Eigen::Vector2d along, outward;    // unit vectors, normalized coordinates
+  double length = 0.0;               // normalized
   Eigen::Vector2d start_px, end_px;  // distorted
   double length_px = 0.0;
   // In the image, where a lens bends it: at share t of the way the sum of curve_px[k] t^k.
   std::array<Eigen::Vector2d, 5> curve_px;
   // What follows changes linearly from start to end.
-  double scale_start = 0.0, scale_end = 0.0;          // pixels per normalised unit, across the side
+  double scale_start = 0.0, scale_end = 0.0;          // pixels per normalized unit, across the side
   double thickness_start = 0.0, thickness_end = 0.0;  // of the black border, pixels
   // Sines of the angles to the sides before and after.
   double sine_start = 0.0, sine_end = 0.0;
@@ -39,7 +39,7 @@ struct MarkerSide {
   }
 };
 
-// `corners`: normalised, clockwise in the image; side k runs from corner k to corner k + 1.
+// `corners`: normalized, clockwise in the image; side k runs from corner k to corner k + 1.
 // `cells`: along a side of the print, with the border. Empty for a degenerate quad.
 [[nodiscard]] std::optional<std::array<MarkerSide, 4>> layOutSides(
     const CameraModel& camera, const std::array<Eigen::Vector2d, 4>& corners, int cells);

@@ -15,25 +15,25 @@ TEST(MarkerSide, AgreesWithTheProjection) {
   const CameraModel camera(testing::testCalibration());
   const Transform T_w_m = testing::markerFacing({0.3, 2.0, 0.2}, {1.2, 0.0, 0.4});
   const Transform T_c_w = testing::lookAt({0.0, 0.0, 0.0}, {0.0, 2.0, 0.0}).inverse();
-  const auto normalised = [&](double x, double y) {
+  const auto normalized = [&](double x, double y) {
     const Eigen::Vector3d p = T_c_w * (T_w_m * Eigen::Vector3d(x, y, 0.0));
     return Eigen::Vector2d(p.x() / p.z(), p.y() / p.z());
   };
   std::array<Eigen::Vector2d, 4> corners;
   const auto print = markerCorners(kSize);
-  for (std::size_t k = 0; k < 4; ++k) corners[k] = normalised(print[k].x(), print[k].y());
+  for (std::size_t k = 0; k < 4; ++k) corners[k] = normalized(print[k].x(), print[k].y());
   const auto sides = layOutSides(camera, corners, kCells);
   ASSERT_TRUE(sides);
 
   const double cell = kSize / kCells;
   for (int u = 0; u <= kCells; ++u) {  // along the top side
-    const Eigen::Vector2d on_edge = normalised(-0.5 * kSize + u * cell, 0.5 * kSize);
+    const Eigen::Vector2d on_edge = normalized(-0.5 * kSize + u * cell, 0.5 * kSize);
     const MarkerSide& top = (*sides)[0];
     const double t = (on_edge - top.start).dot(top.along) / top.length;
     EXPECT_NEAR(top.printCoordinate(t), u, 1e-6);
     EXPECT_NEAR((on_edge - top.start).dot(top.outward), 0.0, 1e-9);
     // The inner line of the border at the same t.
-    const Eigen::Vector2d inner = normalised(-0.5 * kSize + u * cell, 0.5 * kSize - cell);
+    const Eigen::Vector2d inner = normalized(-0.5 * kSize + u * cell, 0.5 * kSize - cell);
     const double t_inner = (inner - top.start).dot(top.along) / top.length;
     const double scale = top.scale_start + t_inner * (top.scale_end - top.scale_start);
     const double expected_px = -(inner - top.start).dot(top.outward) * scale;

@@ -8,7 +8,7 @@
 #include <emmintrin.h>
 #endif
 
-#include "base/vectorised.h"
+#include "base/vectorized.h"
 
 namespace waymark::slam {
 namespace {
@@ -18,12 +18,12 @@ constexpr int kBefore = 7;         // of the window's rows before the upper of t
 constexpr int kColumnsBefore = 8;  // of its columns before the pixel
 
 // Adds a row to the columns' sums.
-WAYMARK_VECTORISED void add(const std::uint8_t* in, int width, std::uint16_t* column) {
+WAYMARK_VECTORIZED void add(const std::uint8_t* in, int width, std::uint16_t* column) {
   for (int x = 0; x < width; ++x) column[x] = static_cast<std::uint16_t>(column[x] + in[x]);
 }
 
 // Adds two rows to the columns' sums and takes two others away.
-WAYMARK_VECTORISED void slide(const std::uint8_t* in_1, const std::uint8_t* in_2,
+WAYMARK_VECTORIZED void slide(const std::uint8_t* in_1, const std::uint8_t* in_2,
                               const std::uint8_t* out_1, const std::uint8_t* out_2, int width,
                               std::uint16_t* column) {
   for (int x = 0; x < width; ++x) {
@@ -33,7 +33,7 @@ WAYMARK_VECTORISED void slide(const std::uint8_t* in_1, const std::uint8_t* in_2
 
 // sums[x] = the 16 columns from x on, by way of sums of four. `sums` and `fours` have room for as
 // many columns, 15 more than width.
-WAYMARK_VECTORISED void sumWindows(const std::uint16_t* column, int width, std::uint16_t* fours,
+WAYMARK_VECTORIZED void sumWindows(const std::uint16_t* column, int width, std::uint16_t* fours,
                                    std::uint16_t* sums) {
   for (int x = 0; x < width + 12; ++x) {
     fours[x] =
@@ -45,7 +45,7 @@ WAYMARK_VECTORISED void sumWindows(const std::uint16_t* column, int width, std::
 }
 
 // 1 where a pixel is dark.
-WAYMARK_VECTORISED void flagDark(const std::uint8_t* grey, const std::uint16_t* sums, int width,
+WAYMARK_VECTORIZED void flagDark(const std::uint8_t* grey, const std::uint16_t* sums, int width,
                                  std::uint16_t factor, std::uint16_t offset, std::uint8_t* flags) {
   for (int x = 0; x < width; ++x) {
     const std::uint32_t product = static_cast<std::uint32_t>(sums[x]) * factor;

@@ -6,11 +6,11 @@
 
 namespace waymark::slam {
 
-std::span<const DarkRegion> DarkRegionFinder::find(const DarkMask& mask, int most_px) {
+std::span<const DarkRegion> DarkRegionFinder::find(const DarkMask& mask, int max_px) {
   collectRuns(mask);
   joinRuns();
   measureBoxes();
-  collectRegions(mask, most_px);
+  collectRegions(mask, max_px);
   return regions_;
 }
 
@@ -93,21 +93,21 @@ void DarkRegionFinder::measureBoxes() {
   }
 }
 
-bool DarkRegionFinder::mayBeMarker(const Box& box, const DarkMask& mask, int most_px) const {
+bool DarkRegionFinder::mayBeMarker(const Box& box, const DarkMask& mask, int max_px) const {
   const int margin = options_.border_margin_px;
   const int across = box.right - box.left + 1;
   const int down = box.bottom - box.top + 1;
   return std::min(across, down) >= options_.min_extent_px &&
-         (most_px == 0 || std::max(across, down) <= most_px) && box.left >= margin &&
+         (max_px == 0 || std::max(across, down) <= max_px) && box.left >= margin &&
          box.top >= margin && box.right < mask.width() - margin &&
          box.bottom < mask.height() - margin;
 }
 
-void DarkRegionFinder::collectRegions(const DarkMask& mask, int most_px) {
+void DarkRegionFinder::collectRegions(const DarkMask& mask, int max_px) {
   constexpr Extent kNone{std::numeric_limits<std::int16_t>::max(), -1};
   rows_.clear();
   for (Box& box : boxes_) {
-    if (!mayBeMarker(box, mask, most_px)) continue;
+    if (!mayBeMarker(box, mask, max_px)) continue;
     box.first_row = static_cast<int>(rows_.size());
     const int count = box.bottom - box.top + 1;
     rows_.resize(rows_.size() + static_cast<std::size_t>(count), kNone);

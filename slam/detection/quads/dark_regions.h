@@ -37,9 +37,9 @@ class DarkRegionFinder {
   explicit DarkRegionFinder(const DarkRegionOptions& options = {}) : options_(options) {}
 
   // Regions are 4-connected, so that squares touching at their corners, as on a chessboard, stay
-  // apart. Those wider or higher than most_px are left out, where that is not 0. From top to
+  // apart. Those wider or higher than max_px are left out, where that is not 0. From top to
   // bottom; valid until the next call.
-  [[nodiscard]] std::span<const DarkRegion> find(const DarkMask& mask, int most_px = 0);
+  [[nodiscard]] std::span<const DarkRegion> find(const DarkMask& mask, int max_px = 0);
 
  private:
   // A run of dark pixels in a row; joined to those it touches by their indices (union-find).
@@ -56,9 +56,9 @@ class DarkRegionFinder {
   void collectRuns(const DarkMask& mask);
   void joinRuns();
   void measureBoxes();
-  void collectRegions(const DarkMask& mask, int most_px);
+  void collectRegions(const DarkMask& mask, int max_px);
   [[nodiscard]] std::int32_t rootOf(std::int32_t run);
-  [[nodiscard]] bool mayBeMarker(const Box& box, const DarkMask& mask, int most_px) const;
+  [[nodiscard]] bool mayBeMarker(const Box& box, const DarkMask& mask, int max_px) const;
 
   DarkRegionOptions options_;
   std::vector<Run> runs_;

@@ -10,14 +10,14 @@ QuadScanner::QuadScanner(const QuadScannerOptions& options)
       finder_(options.regions),
       fitter_(options.quads) {}
 
-const std::vector<Quad>& QuadScanner::scan(const ImageView& image, int most_px) {
+const std::vector<Quad>& QuadScanner::scan(const ImageView& image, int max_px) {
   quads_.clear();
-  for (const DarkMask& mask : masks_.make(image)) collect(mask, most_px);
+  for (const DarkMask& mask : masks_.make(image)) collect(mask, max_px);
   return quads_;
 }
 
-void QuadScanner::collect(const DarkMask& mask, int most_px) {
-  for (const DarkRegion& region : finder_.find(mask, most_px)) {
+void QuadScanner::collect(const DarkMask& mask, int max_px) {
+  for (const DarkRegion& region : finder_.find(mask, max_px)) {
     const auto quad = fitter_.fit(region);
     if (quad && !isKnown(*quad)) quads_.push_back(*quad);
   }

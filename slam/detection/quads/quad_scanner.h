@@ -23,12 +23,12 @@ class QuadScanner {
  public:
   explicit QuadScanner(const QuadScannerOptions& options = {});
 
-  // Those wider or higher than most_px are left out, where that is not 0. Valid until the next
+  // Those wider or higher than max_px are left out, where that is not 0. Valid until the next
   // call.
-  const std::vector<Quad>& scan(const ImageView& image, int most_px = 0);
+  const std::vector<Quad>& scan(const ImageView& image, int max_px = 0);
 
  private:
-  void collect(const DarkMask& mask, int most_px);
+  void collect(const DarkMask& mask, int max_px);
   [[nodiscard]] bool isKnown(const Quad& quad) const;
 
   DarkMaskMaker masks_;

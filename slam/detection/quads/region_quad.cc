@@ -229,7 +229,7 @@ bool RegionQuadFitter::isSupported(const Quad& quad) const {
     length += (q - p).norm();
     if (nearest < kNear) near_length += (q - p).norm();
   }
-  return near_length >= options_.least_support * length;
+  return near_length >= options_.min_support * length;
 }
 
 }  // namespace waymark::slam

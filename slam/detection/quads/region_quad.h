@@ -22,7 +22,7 @@ struct RegionQuadOptions {
   double outline_tolerance = 0.03;
   // Least share of the outline that runs along the quad's sides: light cells of the code may break
   // through a blurred border.
-  double least_support = 0.6;
+  double min_support = 0.6;
 };
 
 class RegionQuadFitter {

@@ -11,8 +11,8 @@ namespace {
 
 using Corners = std::array<Eigen::Vector2d, 4>;
 
-double imageSize(const Sighting& sighting) {
-  const auto& pixels = sighting.detection.pixels;
+double imageSize(const MeasuredMarker& measured) {
+  const auto& pixels = measured.detection.pixels;
   return std::abs(cross(pixels[2] - pixels[0], pixels[3] - pixels[1]));
 }
 
@@ -31,8 +31,8 @@ MarkerFollower::MarkerFollower(const CameraModel& camera, Dictionary dictionary,
                                const DetectorOptions& detector, const FollowerOptions& options)
     : options_(options),
       detector_(camera, std::move(dictionary), detector),
-      turns_(camera.width(), camera.height(), options.turns),
-      border_(camera.width(), camera.height(), turns_.coarsest(), options.turns.overlap_px) {}
+      schedule_(camera.width(), camera.height(), options.schedule),
+      border_(camera.width(), camera.height(), schedule_.coarsest(), options.schedule.overlap_px) {}
 
 const std::vector<MarkerDetection>& MarkerFollower::find(const ImageView& image,
                                                          std::int64_t time_ns,
@@ -40,17 +40,17 @@ const std::vector<MarkerDetection>& MarkerFollower::find(const ImageView& image,
   const double interval_s = 1e-9 * static_cast<double>(time_ns - time_ns_);
   time_ns_ = time_ns;
   detector_.begin();
-  const std::span<const ScanTurn> entered = border_.next(image);
+  const std::span<const SearchRegion> entered = border_.next(image);
   const bool may_follow = options_.enabled && interval_s > 0.0 && !followed_.empty();
   const bool followed = may_follow && follow(image, expected, interval_s);
   if (!followed) detector_.begin();  // without what was found by chance
   const Eigen::Vector2d flow_px = flow();
-  const bool fast = flow_px.norm() > options_.fastest_flow * std::min(image.width, image.height);
+  const bool fast = flow_px.norm() > options_.max_flow * std::min(image.width, image.height);
   mode_ = followed && !fast ? SearchMode::kFollowing : SearchMode::kFullScan;
   if (mode_ == SearchMode::kFollowing) {
     lookForNewcomers(image, expected);
-    for (const ScanTurn& turn : entered) detector_.scan(image, turn);
-    for (const ScanTurn& turn : turns_.next(interval_s)) detector_.scan(image, turn);
+    for (const SearchRegion& region : entered) detector_.scan(image, region);
+    for (const SearchRegion& region : schedule_.next(interval_s)) detector_.scan(image, region);
   } else {
     detector_.scan(image, {{0, 0, image.width, image.height}, 1});
   }
@@ -61,41 +61,41 @@ const std::vector<MarkerDetection>& MarkerFollower::find(const ImageView& image,
 // Large markers first: what their motion was not expected to be, the others' will not be either.
 bool MarkerFollower::follow(const ImageView& image, std::span<const ExpectedMarker> expected,
                             double interval_s) {
-  Eigen::Vector2d surprise = Eigen::Vector2d::Zero();  // of the markers found so far
+  Eigen::Vector2d innovation = Eigen::Vector2d::Zero();  // of the markers found so far
   std::size_t found = 0;
   for (const Followed& followed : followed_) {
-    const MarkerDetection& last = followed.sighting.detection;
+    const MarkerDetection& last = followed.measured.detection;
     const ExpectedMarker* const known = findExpected(expected, last.id);
-    Corners corners = last.normalised;
+    Corners corners = last.normalized;
     for (std::size_t k = 0; k < 4; ++k) {
       corners[k] += known != nullptr ? Eigen::Vector2d(known->now[k] - known->before[k])
                                      : Eigen::Vector2d(interval_s * followed.velocity[k]);
     }
-    const Eigen::Vector2d without_surprise = centreOf(corners);
-    shift(surprise, &corners);
-    const bool confirmed = detector_.confirm(image, last.id, corners, &followed.sighting.edges);
-    const Sighting* const sighting =
-        confirmed ? &detector_.sightings().back() : searchAround(image, corners, last.id);
-    if (sighting == nullptr) continue;
-    const Eigen::Vector2d centre = centreOf(sighting->detection.normalised);
-    surprise += (centre - without_surprise - surprise) / static_cast<double>(++found);
+    const Eigen::Vector2d without_innovation = centreOf(corners);
+    shift(innovation, &corners);
+    const bool confirmed = detector_.confirm(image, last.id, corners, &followed.measured.edges);
+    const MeasuredMarker* const measured =
+        confirmed ? &detector_.measured().back() : searchAround(image, corners, last.id);
+    if (measured == nullptr) continue;
+    const Eigen::Vector2d centre = centreOf(measured->detection.normalized);
+    innovation += (centre - without_innovation - innovation) / static_cast<double>(++found);
   }
-  return static_cast<double>(found) >= options_.least_found * static_cast<double>(followed_.size());
+  return static_cast<double>(found) >= options_.min_found * static_cast<double>(followed_.size());
 }
 
 // Null when it is not there.
-const Sighting* MarkerFollower::searchAround(const ImageView& image, const Corners& corners,
-                                             int id) {
+const MeasuredMarker* MarkerFollower::searchAround(const ImageView& image, const Corners& corners,
+                                                   int id) {
   Quad quad;
   for (std::size_t k = 0; k < 4; ++k) quad[k] = detector_.camera().distort(corners[k]);
   const Window window = windowAround(quad, options_.search_px, image);
   if (window.width == 0 || window.height == 0) return nullptr;
-  const auto before = static_cast<std::ptrdiff_t>(detector_.sightings().size());
+  const auto before = static_cast<std::ptrdiff_t>(detector_.measured().size());
   detector_.scan(image, {window, 1});
-  const auto& sightings = detector_.sightings();
-  const auto found = std::find_if(sightings.begin() + before, sightings.end(),
-                                  [id](const Sighting& s) { return s.detection.id == id; });
-  return found == sightings.end() ? nullptr : &*found;
+  const auto& measured = detector_.measured();
+  const auto found = std::find_if(measured.begin() + before, measured.end(),
+                                  [id](const MeasuredMarker& s) { return s.detection.id == id; });
+  return found == measured.end() ? nullptr : &*found;
 }
 
 // A few a frame, one after the other: some never come, hidden by what the map does not know of.
@@ -106,7 +106,7 @@ void MarkerFollower::lookForNewcomers(const ImageView& image,
     newcomer_ = (newcomer_ + 1) % expected.size();
     const ExpectedMarker& marker = expected[newcomer_];
     const bool was_there = std::ranges::any_of(followed_, [&](const Followed& followed) {
-      return followed.sighting.detection.id == marker.id;
+      return followed.measured.detection.id == marker.id;
     });
     if (was_there || isSeen(marker.id) || !shouldBeSeen(marker)) continue;
     ++tries;
@@ -118,10 +118,10 @@ void MarkerFollower::lookForNewcomers(const ImageView& image,
 Eigen::Vector2d MarkerFollower::flow() const {
   Eigen::Vector2d sum = Eigen::Vector2d::Zero();
   int count = 0;
-  for (const Sighting& sighting : detector_.sightings()) {
-    const MarkerDetection* const before = nearestBefore(sighting.detection);
+  for (const MeasuredMarker& measured : detector_.measured()) {
+    const MarkerDetection* const before = nearestBefore(measured.detection);
     if (before == nullptr) continue;
-    sum += centreOf(sighting.detection.pixels) - centreOf(before->pixels);
+    sum += centreOf(measured.detection.pixels) - centreOf(before->pixels);
     ++count;
   }
   return sum / std::max(count, 1);
@@ -129,29 +129,29 @@ Eigen::Vector2d MarkerFollower::flow() const {
 
 // Wholly in the image, from the front, and not from the edge on.
 bool MarkerFollower::shouldBeSeen(const ExpectedMarker& marker) const {
-  constexpr double kMargin = 3.0;             // pixels
-  constexpr double kLeastArea = 10.0 * 10.0;  // pixels squared
+  constexpr double kMargin = 3.0;           // pixels
+  constexpr double kMinArea = 10.0 * 10.0;  // pixels squared
   Corners pixels;
   for (std::size_t k = 0; k < 4; ++k) {
     pixels[k] = detector_.camera().distort(marker.now[k]);
     if (!detector_.camera().inImage(pixels[k], kMargin)) return false;
   }
-  return 0.5 * cross(pixels[2] - pixels[0], pixels[3] - pixels[1]) > kLeastArea;
+  return 0.5 * cross(pixels[2] - pixels[0], pixels[3] - pixels[1]) > kMinArea;
 }
 
 void MarkerFollower::remember(double interval_s) {
   next_.clear();
-  for (const Sighting& sighting : detector_.sightings()) {
+  for (const MeasuredMarker& measured : detector_.measured()) {
     Corners velocity;
     velocity.fill(Eigen::Vector2d::Zero());
-    const MarkerDetection* const before = nearestBefore(sighting.detection);
+    const MarkerDetection* const before = nearestBefore(measured.detection);
     for (std::size_t k = 0; k < 4 && before != nullptr && interval_s > 0.0; ++k) {
-      velocity[k] = (sighting.detection.normalised[k] - before->normalised[k]) / interval_s;
+      velocity[k] = (measured.detection.normalized[k] - before->normalized[k]) / interval_s;
     }
-    next_.push_back({sighting, velocity});
+    next_.push_back({measured, velocity});
   }
   std::ranges::sort(next_, std::ranges::greater{},
-                    [](const Followed& f) { return imageSize(f.sighting); });
+                    [](const Followed& f) { return imageSize(f.measured); });
   std::swap(followed_, next_);
 }
 
@@ -159,16 +159,17 @@ void MarkerFollower::remember(double interval_s) {
 // nearer of two prints, unless that is nearer to the other one.
 const MarkerDetection* MarkerFollower::nearestBefore(const MarkerDetection& now) const {
   const auto apart = [](const MarkerDetection& a, const MarkerDetection& b) {
-    return (centreOf(a.normalised) - centreOf(b.normalised)).squaredNorm();
+    return (centreOf(a.normalized) - centreOf(b.normalized)).squaredNorm();
   };
   const MarkerDetection* nearest = nullptr;
   for (const Followed& followed : followed_) {
-    const MarkerDetection& before = followed.sighting.detection;
+    const MarkerDetection& before = followed.measured.detection;
     if (before.id != now.id) continue;
     if (nearest == nullptr || apart(before, now) < apart(*nearest, now)) nearest = &before;
   }
   const bool is_anothers =
-      nearest != nullptr && std::ranges::any_of(detector_.sightings(), [&](const Sighting& other) {
+      nearest != nullptr &&
+      std::ranges::any_of(detector_.measured(), [&](const MeasuredMarker& other) {
         return other.detection.id == now.id &&
                apart(*nearest, other.detection) < apart(*nearest, now);
       });
@@ -176,8 +177,8 @@ const MarkerDetection* MarkerFollower::nearestBefore(const MarkerDetection& now)
 }
 
 bool MarkerFollower::isSeen(int id) const {
-  return std::ranges::any_of(detector_.sightings(),
-                             [id](const Sighting& s) { return s.detection.id == id; });
+  return std::ranges::any_of(detector_.measured(),
+                             [id](const MeasuredMarker& s) { return s.detection.id == id; });
 }
 
 }  // namespace waymark::slam

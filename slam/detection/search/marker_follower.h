@@ -10,29 +10,29 @@
 #include <vector>
 
 #include "base/image_view.h"
-#include "slam/detection/search/border_watch.h"
 #include "slam/detection/marker_detector.h"
-#include "slam/detection/search/scan_turns.h"
+#include "slam/detection/search/border_entry_detector.h"
+#include "slam/detection/search/scan_schedule.h"
 
 namespace waymark::slam {
 
 struct FollowerOptions {
   // Off: every frame is scanned as a whole.
   bool enabled = true;
-  ScanTurnsOptions turns;
+  ScanScheduleOptions schedule;
   // Where a marker is not where it was expected, this far around the place is searched, pixels.
   int search_px = 16;
   // Of the markers of the last frame, the least share that has to be found again; else the motion
   // was not what was expected, and the whole image is searched at once.
-  double least_found = 0.5;
+  double min_found = 0.5;
   // Beyond this much motion from frame to frame, as a share of the image's shorter side, so much
   // comes into view that the whole image is searched.
-  double fastest_flow = 0.04;
+  double max_flow = 0.04;
   // Markers that have come into view, as the map has it: so many are looked for in a frame.
   std::size_t newcomers = 4;
 };
 
-// Where the map has a marker, normalised: in the last frame and in this one.
+// Where the map has a marker, normalized: in the last frame and in this one.
 struct ExpectedMarker {
   int id = -1;
   std::array<Eigen::Vector2d, 4> before;
@@ -57,8 +57,8 @@ class MarkerFollower {
   [[nodiscard]] SearchMode mode() const { return mode_; }
   // What the last frame showed, largest marker first; where an id is there twice, both.
   struct Followed {
-    Sighting sighting;
-    std::array<Eigen::Vector2d, 4> velocity;  // of the normalised corners, per second
+    MeasuredMarker measured;
+    std::array<Eigen::Vector2d, 4> velocity;  // of the normalized corners, per second
   };
   [[nodiscard]] std::span<const Followed> followed() const { return followed_; }
   [[nodiscard]] const Dictionary& dictionary() const { return detector_.dictionary(); }
@@ -69,8 +69,8 @@ class MarkerFollower {
   // Whether enough of the last frame's markers were found.
   [[nodiscard]] bool follow(const ImageView& image, std::span<const ExpectedMarker> expected,
                             double interval_s);
-  [[nodiscard]] const Sighting* searchAround(const ImageView& image, const Corners& corners,
-                                             int id);
+  [[nodiscard]] const MeasuredMarker* searchAround(const ImageView& image, const Corners& corners,
+                                                   int id);
   void lookForNewcomers(const ImageView& image, std::span<const ExpectedMarker> expected);
   [[nodiscard]] Eigen::Vector2d flow() const;
   [[nodiscard]] bool shouldBeSeen(const ExpectedMarker& marker) const;
@@ -80,8 +80,8 @@ class MarkerFollower {
 
   FollowerOptions options_;
   MarkerDetector detector_;
-  ScanTurns turns_;
-  BorderWatch border_;
+  ScanSchedule schedule_;
+  BorderEntryDetector border_;
   SearchMode mode_ = SearchMode::kFullScan;
   std::int64_t time_ns_ = 0;
   std::vector<Followed> followed_;

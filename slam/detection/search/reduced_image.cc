@@ -4,7 +4,7 @@
 #include <cstring>
 #include <utility>
 
-#include "base/vectorised.h"
+#include "base/vectorized.h"
 
 namespace waymark::slam {
 namespace {
@@ -14,7 +14,7 @@ namespace {
 using ReduceRows = void (*)(const std::uint8_t* above, const std::uint8_t* below, int width,
                             std::uint8_t* out);
 
-WAYMARK_VECTORISED void halveRows(const std::uint8_t* above, const std::uint8_t* below, int width,
+WAYMARK_VECTORIZED void halveRows(const std::uint8_t* above, const std::uint8_t* below, int width,
                                   std::uint8_t* out) {
   for (int x = 0; x < width; ++x) {
     std::uint16_t a = 0;
@@ -26,7 +26,7 @@ WAYMARK_VECTORISED void halveRows(const std::uint8_t* above, const std::uint8_t*
   }
 }
 
-WAYMARK_VECTORISED void quarterRows(const std::uint8_t* above, const std::uint8_t* below, int width,
+WAYMARK_VECTORIZED void quarterRows(const std::uint8_t* above, const std::uint8_t* below, int width,
                                     std::uint8_t* out) {
   for (int x = 0; x < width; ++x) {
     std::uint32_t a = 0;

@@ -19,11 +19,11 @@ struct Window {
 };
 
 // A part that is to be searched.
-struct ScanTurn {
+struct SearchRegion {
   Window window;   // of the whole image
   int factor = 1;  // searched at 1/factor of its size
   // Larger things, in pixels at that size, are left to coarser searches; 0: nothing is.
-  int most_px = 0;
+  int max_px = 0;
 };
 
 [[nodiscard]] inline ImageView partOf(const ImageView& image, const Window& window) {

@@ -77,7 +77,7 @@ std::optional<Bytes> UvcControls::handle(std::uint8_t request, std::uint8_t unit
                                          std::uint8_t selector, ByteView sent) {
   const std::optional<Control> control = findControl(unit, selector);
   if (!control) {
-    return refuse(unit == kCameraTerminal || unit == kProcessingUnit ? RequestError::kInvalidControl
+    return reject(unit == kCameraTerminal || unit == kProcessingUnit ? RequestError::kInvalidControl
                                                                      : RequestError::kInvalidUnit);
   }
   return request == UVC_SET_CUR ? set(*control, sent) : get(*control, request);
@@ -102,7 +102,7 @@ std::optional<Bytes> UvcControls::get(Control control, std::uint8_t request) {
     case UVC_GET_LEN:
       return ByteWriter().le16(definition.bytes).take();
     default:
-      return refuse(RequestError::kInvalidRequest);
+      return reject(RequestError::kInvalidRequest);
   }
 }
 
@@ -111,16 +111,16 @@ std::optional<Bytes> UvcControls::set(Control control, ByteView sent) {
   const bool automatic =
       (control == Control::kExposureTime && value(Control::kExposureMode) == kExposureAuto) ||
       (control == Control::kWhiteBalance && value(Control::kWhiteBalanceAuto) == 1);
-  if (automatic) return refuse(RequestError::kWrongState);
-  if (sent.size() != definitionOf(control).bytes) return refuse(RequestError::kInvalidRequest);
+  if (automatic) return reject(RequestError::kWrongState);
+  if (sent.size() != definitionOf(control).bytes) return reject(RequestError::kInvalidRequest);
   const std::int32_t wanted = decodeValue(sent);
-  if (!isAllowed(control, wanted)) return refuse(RequestError::kOutOfRange);
+  if (!isAllowed(control, wanted)) return reject(RequestError::kOutOfRange);
   values_[static_cast<std::size_t>(control)] = wanted;
   last_error_ = RequestError::kNone;
   return Bytes{};
 }
 
-std::optional<Bytes> UvcControls::refuse(RequestError error) {
+std::optional<Bytes> UvcControls::reject(RequestError error) {
   last_error_ = error;
   return std::nullopt;
 }

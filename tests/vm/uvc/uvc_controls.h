@@ -15,11 +15,11 @@ namespace waymark::testing {
 enum class Control {
   kExposureMode,      // kExposureManual or kExposureAuto
   kExposurePriority,  // 1: automatic exposure may lower the frame rate
-  kExposureTime,      // units of 0.1 ms; refused while exposure is automatic
+  kExposureTime,      // units of 0.1 ms; rejected while exposure is automatic
   kBrightness,
   kGain,
   kMainsFrequency,    // 0: ignored, 1: 50 Hz, 2: 60 Hz
-  kWhiteBalance,      // kelvin; refused while white balance is automatic
+  kWhiteBalance,      // kelvin; rejected while white balance is automatic
   kWhiteBalanceAuto,  // 0 or 1
 };
 inline constexpr std::size_t kControlCount = 8;
@@ -37,7 +37,7 @@ struct ControlRange {
 };
 [[nodiscard]] const ControlRange& rangeOf(Control control);
 
-// Why the last request was refused, as the request error code control tells it.
+// Why the last request was rejected, as the request error code control tells it.
 enum class RequestError : std::uint8_t {
   kNone = 0,
   kWrongState = 2,
@@ -56,7 +56,7 @@ class UvcControls {
   }
 
   // One request of the host: GET_CUR and the like, or SET_CUR with `sent`. What goes back, which is
-  // nothing for SET_CUR; empty where refused.
+  // nothing for SET_CUR; empty where rejected.
   [[nodiscard]] std::optional<Bytes> handle(std::uint8_t request, std::uint8_t unit,
                                             std::uint8_t selector, ByteView sent);
 
@@ -65,7 +65,7 @@ class UvcControls {
  private:
   [[nodiscard]] std::optional<Bytes> get(Control control, std::uint8_t request);
   [[nodiscard]] std::optional<Bytes> set(Control control, ByteView sent);
-  [[nodiscard]] std::optional<Bytes> refuse(RequestError error);
+  [[nodiscard]] std::optional<Bytes> reject(RequestError error);
 
   std::array<std::int32_t, kControlCount> values_;
   RequestError last_error_ = RequestError::kNone;

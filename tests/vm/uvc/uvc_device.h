@@ -23,7 +23,7 @@ struct SetupPacket {
 [[nodiscard]] SetupPacket parseSetupPacket(ByteView bytes);
 
 // As a camera that has just been given power. `sent` is what came along with a request; the answer
-// is what goes back, not longer than was asked for; empty for a stall, which is how devices refuse.
+// is what goes back, not longer than was asked for; empty for a stall, which is how devices reject.
 class UvcDevice {
  public:
   UvcDevice(CameraIdentity identity, Transfer transfer);

@@ -98,7 +98,7 @@ TEST_P(UvcDeviceTest, ExposureCanBeSetOnlyWhereItIsManual) {
   EXPECT_EQ(device_.controls().value(Control::kExposureTime), 100);
 }
 
-TEST_P(UvcDeviceTest, RefusalsHaveReasons) {
+TEST_P(UvcDeviceTest, RejectionsHaveReasons) {
   EXPECT_FALSE(set(UVC_PU_GAIN_CONTROL, kProcessingUnit, kControlInterface, {0, 1}));
   EXPECT_EQ(lastError(), RequestError::kOutOfRange);
   EXPECT_EQ(device_.controls().value(Control::kGain), rangeOf(Control::kGain).initial);

@@ -117,12 +117,12 @@ class UvcDaemonTest : public ::testing::Test {
 
   // How far a pose is from the nearest that was known then: the film shows the same way again.
   [[nodiscard]] double distanceToWay_m(const pose_t& pose) const {
-    double least_m = std::numeric_limits<double>::infinity();
+    double min_m = std::numeric_limits<double>::infinity();
     for (const pose_t& known : known_) {
       if (!hasPose(known)) continue;
-      least_m = std::min(least_m, (positionOf(known) - positionOf(pose)).norm());
+      min_m = std::min(min_m, (positionOf(known) - positionOf(pose)).norm());
     }
-    return least_m;
+    return min_m;
   }
   // The greatest of all that came since; 0 when none did.
   [[nodiscard]] double farthestFromWay_m() const {

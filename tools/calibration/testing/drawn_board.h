@@ -10,10 +10,10 @@
 #include <opencv2/imgproc.hpp>
 
 #include "base/image_view.h"
-#include "tools/calibration/board.h"
 #include "slam/detection/codes/dictionary.h"
 #include "slam/geometry/camera_model.h"
 #include "slam/geometry/transform.h"
+#include "tools/calibration/board.h"
 
 namespace waymark::calibration::testing {
 

@@ -1,0 +1,61 @@
+// Which part of the image is searched in which frame, so that what nobody expects is found soon and
+// no frame pays for all of the image.
+#pragma once
+
+#include <span>
+#include <vector>
+
+#include "slam/detection/search/window.h"
+
+namespace waymark::slam {
+
+struct ScanScheduleOptions {
+  // A marker that appears is found within this time, seconds; one that is only a few times the
+  // smallest that can be found may take kSmallRounds times as long. Shorter costs more a frame.
+  double round_s = 0.1;
+  // Parts overlap by this many pixels at the size they are searched at: a marker up to that size is
+  // whole in one of them, and a larger one is found at half that size.
+  int overlap_px = 40;
+  // No further halving below this height, pixels.
+  int min_height_px = 120;
+};
+
+class ScanSchedule {
+ public:
+  static constexpr int kSmallRounds = 4;
+
+  ScanSchedule(int width, int height, const ScanScheduleOptions& options = {});
+
+  // The parts whose turn it is, as evenly as may be from frame to frame. interval_s: since the
+  // frame before. Valid until the next call.
+  std::span<const SearchRegion> next(double interval_s);
+  // The largest factor.
+  [[nodiscard]] int coarsest() const { return levels_.front().factor; }
+
+ private:
+  // The image at one size, in parts of a grid that have their turns one after the other.
+  struct Level {
+    int factor = 1;
+    int columns = 1;
+    int rows = 1;
+    int frames = 1;  // that a round of them takes
+    int part = 0;    // whose turn is next
+    int credit = 0;  // parts times frames since the last turn: one is due at `frames`
+    double px_per_frame = 0.0;
+  };
+
+  void beginRound(double interval_s);
+  void divide(Level* level, int frames) const;
+  [[nodiscard]] SearchRegion partOf(const Level& level) const;
+
+  ScanScheduleOptions options_;
+  int width_;
+  int height_;
+  int frames_ = 1;             // a round has
+  int frame_ = 0;              // within the round
+  double unspent_px_ = 0.0;    // of what frames have to spend on turns
+  std::vector<Level> levels_;  // coarse before fine
+  std::vector<SearchRegion> due_;
+};
+
+}  // namespace waymark::slam

@@ -1,0 +1,74 @@
+#include "slam/detection/search/scan_schedule.h"
+
+#include <cstdint>
+
+#include <gtest/gtest.h>
+
+namespace waymark::slam {
+namespace {
+
+constexpr int kWidth = 640;
+constexpr int kHeight = 480;
+
+// Whether a square of so many pixels is whole in a part searched at that factor or a finer one.
+bool covers(const SearchRegion& region, int x, int y, int size, int factor) {
+  const Window& w = region.window;
+  return region.factor <= factor && x >= w.left && y >= w.top && x + size <= w.left + w.width &&
+         y + size <= w.top + w.height;
+}
+
+// How many frames it takes until the square is searched whole.
+int framesUntilSeen(ScanSchedule* schedule, double interval_s, int x, int y, int size, int factor) {
+  for (int frame = 1; frame <= 1000; ++frame) {
+    for (const SearchRegion& region : schedule->next(interval_s)) {
+      if (covers(region, x, y, size, factor)) return frame;
+    }
+  }
+  return 1000;
+}
+
+TEST(ScanSchedule, EveryPlaceHasItsTurnInTime) {
+  constexpr double kInterval_s = 1.0 / 60.0;
+  constexpr int kRound = 6;
+  for (int x = 0; x + 200 <= kWidth; x += 55) {
+    for (int y = 0; y + 200 <= kHeight; y += 70) {
+      ScanSchedule schedule(kWidth, kHeight);
+      EXPECT_LE(framesUntilSeen(&schedule, kInterval_s, x, y, 80, 2), kRound) << x << ' ' << y;
+      EXPECT_LE(framesUntilSeen(&schedule, kInterval_s, x, y, 200, 4), 2 * kRound);
+      EXPECT_LE(framesUntilSeen(&schedule, kInterval_s, x, y, 40, 1),
+                (ScanSchedule::kSmallRounds + 1) * kRound);
+    }
+  }
+}
+
+TEST(ScanSchedule, PartsLieWithinTheImageAndAreAFractionOfIt) {
+  ScanSchedule schedule(kWidth, kHeight);
+  constexpr int kFrames = 120;
+  std::int64_t all_pixels = 0;
+  for (int frame = 0; frame < kFrames; ++frame) {
+    int pixels = 0;
+    for (const SearchRegion& region : schedule.next(1.0 / 60.0)) {
+      const Window& w = region.window;
+      EXPECT_GE(w.left, 0);
+      EXPECT_GE(w.top, 0);
+      EXPECT_LE(w.left + w.width, kWidth);
+      EXPECT_LE(w.top + w.height, kHeight);
+      pixels += w.width * w.height / (region.factor * region.factor);
+    }
+    EXPECT_LT(pixels, kWidth * kHeight * 2 / 3) << frame;
+    all_pixels += pixels;
+  }
+  EXPECT_LT(all_pixels / kFrames, kWidth * kHeight * 2 / 5);
+}
+
+// At frames that far apart there is no time for turns.
+TEST(ScanSchedule, RareFramesAreSearchedAsAWhole) {
+  ScanSchedule schedule(kWidth, kHeight);
+  const auto due = schedule.next(0.5);
+  ASSERT_EQ(due.size(), 1U);
+  EXPECT_TRUE(covers(due[0], 0, 0, kHeight, 1));
+  EXPECT_EQ(due[0].window.width, kWidth);
+}
+
+}  // namespace
+}  // namespace waymark::slam

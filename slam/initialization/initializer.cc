@@ -1,0 +1,61 @@
+#include "slam/initialization/initializer.h"
+
+#include <utility>
+#include <variant>
+
+namespace waymark::slam {
+namespace {
+
+const char* reasonOf(TwoFrameFailure failure) {
+  switch (failure) {
+    case TwoFrameFailure::kNoCommonMarker:
+      return "all markers in view are ambiguous, and none is shared with an earlier frame";
+    case TwoFrameFailure::kShortBaseline:
+      return "all markers in view are ambiguous; move the camera sideways or closer";
+    case TwoFrameFailure::kAmbiguous:
+      return "all markers in view are ambiguous, also from two places; move farther";
+    case TwoFrameFailure::kPoorFit:
+      return "two views of the markers contradict each other: check sizes and calibration";
+  }
+  return "";
+}
+
+}  // namespace
+
+std::optional<Start> Initializer::process(const Keyframe& frame) {
+  if (frame.detections.empty()) {
+    reason_ = "no marker in view";
+    return std::nullopt;
+  }
+  std::vector<InitialMarker> markers = initializeFromOneFrame(
+      frame.detections, markers_, focal_px_, options_.ambiguity_ratio, options_.square);
+  if (!markers.empty()) {
+    Start start{{frame}, std::move(markers)};
+    start.keyframes[0].T_w_c = Transform{};
+    return start;
+  }
+  return fromTwoFrames(frame);
+}
+
+std::optional<Start> Initializer::fromTwoFrames(const Keyframe& frame) {
+  if (!first_ || attempts_ >= options_.attempts) {
+    first_ = frame;
+    attempts_ = 0;
+    reason_ = reasonOf(TwoFrameFailure::kShortBaseline);
+    return std::nullopt;
+  }
+  ++attempts_;
+  auto outcome = initializeFromTwoFrames(first_->detections, frame.detections, markers_, focal_px_,
+                                         options_.two_frame);
+  if (const auto* failure = std::get_if<TwoFrameFailure>(&outcome)) {
+    reason_ = reasonOf(*failure);
+    return std::nullopt;
+  }
+  const auto& found = std::get<TwoFrameStart>(outcome);
+  Start start{{*first_, frame}, found.markers};
+  start.keyframes[0].T_w_c = Transform{};
+  start.keyframes[1].T_w_c = found.T_0_1;
+  return start;
+}
+
+}  // namespace waymark::slam

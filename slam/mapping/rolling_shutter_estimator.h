@@ -1,0 +1,60 @@
+// The camera's readout time in use, as given or learned along with the map, and what it does to a
+// frame's corners (rolling_shutter.h). Beyond seed 1.
+#pragma once
+
+#include <optional>
+#include <vector>
+
+#include "base/task.h"
+#include "slam/geometry/camera_model.h"
+#include "slam/map/map.h"
+#include "slam/map/marker_options.h"
+#include "slam/optimization/map_optimizer.h"
+#include "slam/rolling_shutter/rolling_shutter.h"
+
+namespace waymark::slam {
+
+class RollingShutterEstimator {
+ public:
+  RollingShutterEstimator(const RollingShutterOptions& shutter, const MarkerOptions& markers)
+      : shutter_(shutter),
+        markers_(markers),
+        seconds_(shutter.readout_s.value_or(shutter.learned_s)),
+        next_keyframes_(shutter.first_keyframes) {}
+
+  // First to last row; 0 for a global shutter.
+  [[nodiscard]] double seconds() const { return seconds_; }
+
+  // Moves the corners of a frame at T_w_c to where a global shutter would have seen them.
+  void deskew(const CameraModel& camera, const Map& map, const Transform& T_w_c, const Twist& twist,
+              std::vector<MarkerDetection>* detections) const;
+
+  // A slice of what is under way: an estimate, begun when the map has grown enough since the last
+  // one; or, where that was believed, an optimization of the whole map. What is given must outlive
+  // both.
+  void work(double cost, const CameraModel& camera, const Map& map,
+            const BundleOptions& optimization);
+  // Puts what is done into the map. A readout time that is believed is in use from here on, and
+  // moves the corners of every keyframe. What that did to the newest keyframe taken part:
+  // T_new_old; empty when nothing has changed.
+  std::optional<Transform> collect(const CameraModel& camera, const BundleOptions& optimization,
+                                   Map* map);
+  [[nodiscard]] bool isDone() const {
+    return (estimate_ && estimate_->done()) || (whole_ && whole_->done());
+  }
+  // Nothing is under way or due.
+  [[nodiscard]] bool idle(const Map& map) const { return !estimate_ && !whole_ && !isDue(map); }
+
+ private:
+  [[nodiscard]] bool isDue(const Map& map) const;
+  [[nodiscard]] bool adopt(const CameraModel& camera, Map* map);
+
+  RollingShutterOptions shutter_;
+  MarkerOptions markers_;
+  double seconds_;
+  int next_keyframes_;  // it is estimated again when the map has so many
+  std::optional<SlicedTask<std::optional<ReadoutEstimate>>> estimate_;
+  std::optional<SlicedTask<MapCorrection>> whole_;
+};
+
+}  // namespace waymark::slam

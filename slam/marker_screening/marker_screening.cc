@@ -1,0 +1,126 @@
+#include "slam/marker_screening/marker_screening.h"
+
+#include <algorithm>
+#include <iterator>
+
+namespace waymark::slam {
+namespace {
+
+// Rejects or quarantines the marker: its pose goes, and its views.
+void dismiss(MapMarker* marker, MarkerState to, Map* map, Counters* counters) {
+  const bool rejected = to == MarkerState::kBanned;
+  // One that is estimated anew may turn out to be back where it was.
+  if (!rejected) marker->former_poses.push_back(*marker->T_w_m);
+  marker->state = to;
+  marker->T_w_m.reset();
+  marker->other_T_w_m.reset();
+  map->removeViews(marker->id, map->viewsOf(marker->id));
+  ++(rejected ? counters->refused_markers : counters->quarantined_markers);
+}
+
+}  // namespace
+
+void MarkerScreening::screen(std::span<const MarkerDetection> detections, const CameraModel& camera,
+                             const Map& map, std::vector<MarkerDetection>* usable,
+                             Counters* counters) {
+  const LeftOut left_out = sift(detections, camera, map, usable);
+  counters->doubled_markers += left_out.doubled.size();
+  counters->clipped_markers += left_out.clipped;
+  for (const int id : left_out.doubled) ++doubled_[id];
+}
+
+MarkerScreening::LeftOut MarkerScreening::sift(std::span<const MarkerDetection> detections,
+                                               const CameraModel& camera, const Map& map,
+                                               std::vector<MarkerDetection>* usable) const {
+  LeftOut left_out;
+  std::vector<int>& doubled = left_out.doubled;
+  usable->clear();
+  usable->reserve(detections.size());
+  std::copy_if(detections.begin(), detections.end(), std::back_inserter(*usable),
+               [&](const MarkerDetection& d) { return !markers_.isIgnored(d.id); });
+  sortById(usable);
+  for (std::size_t i = 1; i < usable->size(); ++i) {
+    const int id = (*usable)[i].id;
+    if (id == (*usable)[i - 1].id && (doubled.empty() || doubled.back() != id))
+      doubled.push_back(id);
+  }
+  std::erase_if(*usable, [&](const MarkerDetection& d) {
+    const MapMarker* marker = map.find(d.id);
+    if (marker != nullptr && marker->state == MarkerState::kBanned) return true;
+    if (std::binary_search(doubled.begin(), doubled.end(), d.id)) return true;
+    const bool whole = std::all_of(d.pixels.begin(), d.pixels.end(), [&](const auto& corner) {
+      return camera.inImage(corner, options_.border_px);
+    });
+    if (!whole) ++left_out.clipped;
+    return !whole;
+  });
+  return left_out;
+}
+
+bool MarkerScreening::banDuplicates(Map* map, Counters* counters) {
+  bool changed = false;
+  for (const auto& [id, frames] : doubled_) {
+    if (frames != options_.doubled_frames) continue;
+    MapMarker& marker = map->addMarker(id, markers_.sizeOf(id));
+    if (marker.state == MarkerState::kBanned) continue;
+    dismiss(&marker, MarkerState::kBanned, map, counters);
+    changed = true;
+  }
+  return changed;
+}
+
+void MarkerScreening::record(int marker_id, bool fits, std::int64_t time_ns) {
+  if (fits) {
+    disagreements_.erase(marker_id);
+    return;
+  }
+  Disagreement& disagreement = disagreements_[marker_id];
+  if (disagreement.frames == 0) disagreement.since_ns = time_ns;
+  ++disagreement.frames;
+  disagreement.until_ns = time_ns;
+}
+
+bool MarkerScreening::hasMoved(int marker_id, const Disagreement& disagreement,
+                               const Map& map) const {
+  return disagreement.frames >= options_.moved_frames &&
+         disagreement.until_ns - disagreement.since_ns >= options_.moved_ns &&
+         map.findPosed(marker_id) != nullptr;
+}
+
+bool MarkerScreening::suspectsMoved(const Map& map) const {
+  return std::any_of(disagreements_.begin(), disagreements_.end(),
+                     [&](const auto& entry) { return hasMoved(entry.first, entry.second, map); });
+}
+
+bool MarkerScreening::quarantineMoved(Map* map, Counters* counters) {
+  bool changed = false;
+  for (auto it = disagreements_.begin(); it != disagreements_.end();) {
+    const auto& [id, disagreement] = *it;
+    if (!hasMoved(id, disagreement, *map)) {
+      ++it;
+      continue;
+    }
+    MapMarker& marker = map->marker(id);
+    const bool too_often = static_cast<int>(marker.former_poses.size()) >= options_.max_moves;
+    dismiss(&marker, too_often ? MarkerState::kBanned : MarkerState::kQuarantined, map, counters);
+    changed = true;
+    it = disagreements_.erase(it);
+  }
+  return changed;
+}
+
+void MarkerScreening::checkReturned(int marker_id, Map* map, Counters* counters) const {
+  MapMarker& marker = map->marker(marker_id);
+  if (!marker.T_w_m) return;
+  // The last former pose is where it has just left; it may have been moved only a little.
+  const auto last =
+      marker.former_poses.empty() ? marker.former_poses.end() : marker.former_poses.end() - 1;
+  const bool returned =
+      std::any_of(marker.former_poses.begin(), last, [&](const Transform& former) {
+        return (former.p - marker.T_w_m->p).norm() < options_.same_place_m &&
+               rotationDistance(former.R, marker.T_w_m->R) < options_.same_place_rad;
+      });
+  if (returned) dismiss(&marker, MarkerState::kBanned, map, counters);
+}
+
+}  // namespace waymark::slam

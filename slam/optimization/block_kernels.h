@@ -1,0 +1,26 @@
+// Steps of a Cholesky factorization by 6x6 blocks beside those of small_cholesky.h.
+#pragma once
+
+#include "slam/geometry/transform.h"
+
+namespace waymark::slam {
+
+// B becomes B L^-T. L: a factor of factorizeCholesky.
+inline void divideByTransposed(const Matrix6d& L, Matrix6d* B) {
+  for (int j = 0; j < 6; ++j) {
+    Vector6d column = B->col(j);
+    for (int k = 0; k < j; ++k) column -= L(j, k) * B->col(k);
+    B->col(j) = L(j, j) * column;
+  }
+}
+
+// C becomes C - A B^T.
+inline void subtractProduct(const Matrix6d& A, const Matrix6d& B, Matrix6d* C) {
+  for (int j = 0; j < 6; ++j) {
+    Vector6d column = C->col(j);
+    for (int k = 0; k < 6; ++k) column -= B(j, k) * A.col(k);
+    C->col(j) = column;
+  }
+}
+
+}  // namespace waymark::slam

@@ -1,0 +1,193 @@
+#include "slam/optimization/bundle_adjuster.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <utility>
+
+#include "slam/geometry/robust.h"
+
+namespace waymark::slam {
+namespace {
+
+constexpr double kHopeless = 1e10;  // damping beyond which no step will help
+
+constexpr double kMovePose = 0.15;  // microseconds of a core of 3 GHz
+
+// Fixed poses stay bit-identical.
+Task<Done> movePoses(const std::vector<BundleProblem::Pose>& from,
+                     const std::vector<Vector6d>& step, std::vector<BundleProblem::Pose>* to,
+                     Budget* budget) {
+  for (std::size_t i = 0; i < from.size(); ++i) {
+    if (from[i].fixed) continue;
+    co_await budget->spend(kMovePose);
+    (*to)[i].T = from[i].T.retract(step[i]);
+  }
+  co_return Done{};
+}
+
+// False when the step leaves what a lens can be.
+bool moveLens(const BundleProblem::Lens& from, const IntrinsicVector& step,
+              BundleProblem::Lens* to) {
+  const Calibration moved = from.camera.withIntrinsics(from.camera.intrinsics() + step);
+  if (!moved.invalidReason().empty()) return false;
+  to->camera = CameraModel(moved);
+  return true;
+}
+
+}  // namespace
+
+Task<BundleSummary> BundleAdjuster::run(Budget* budget) {
+  bool going_on = co_await begin(budget);
+  if (!going_on) {
+    summary_.initial_cost = summary_.final_cost = std::numeric_limits<double>::infinity();
+    summary_.failed = true;
+  }
+  while (going_on && summary_.iterations < options_.max_iterations && lambda_ < kHopeless) {
+    const bool half_way = 2 * summary_.iterations >= options_.max_iterations;
+    if (half_way && !gate_passed_) {
+      summary_.failed = !co_await gateViews(budget);
+      if (summary_.failed) break;
+    }
+    going_on = co_await iterate(budget);
+  }
+  co_return summary_;
+}
+
+Task<bool> BundleAdjuster::begin(Budget* budget) {
+  whitened_ = co_await whitenCorners(problem_, budget);
+  if (options_.estimate_residual_sigma) {
+    std::vector<double> squared;
+    const bool seen = co_await cornerErrors(problem_, whitened_, &squared, budget);
+    if (seen) summary_.residual_sigma = residualSigmaOf(squared);
+    options_.huber *= summary_.residual_sigma;
+  }
+  const bool seen = co_await linearize(problem_, whitened_, options_.huber, &equations_, budget);
+  if (!seen) co_return false;
+  summary_.initial_cost = summary_.final_cost = equations_.cost;
+  trial_ = problem_;
+  (void)co_await schur_.arrange(problem_, budget);
+  co_return true;
+}
+
+Task<bool> BundleAdjuster::iterate(Budget* budget) {
+  ++summary_.iterations;
+  const bool solved = co_await schur_.solve(problem_, equations_, lambda_, &step_, budget);
+  if (!solved) {
+    lambda_ = std::max(10.0 * lambda_, 1e-6);
+    summary_.failed = lambda_ >= kHopeless;
+    co_return true;
+  }
+  double cost = std::numeric_limits<double>::infinity();
+  const bool possible = co_await move(budget);
+  if (possible) {
+    const bool seen = co_await robustCost(trial_, whitened_, options_.huber, &cost, budget);
+    if (!seen) cost = std::numeric_limits<double>::infinity();
+  }
+  if (!(cost <= summary_.final_cost)) {
+    lambda_ = std::max(10.0 * lambda_, 1e-6);
+    co_return true;
+  }
+  const double decrease = summary_.final_cost - cost;
+  accept(cost);
+  const bool seen = co_await linearize(problem_, whitened_, options_.huber, &equations_, budget);
+  if (!seen) {
+    summary_.failed = true;
+    co_return false;
+  }
+  if (decrease > options_.min_relative_decrease * cost) co_return true;
+  // Converged, and done unless the gate has something to say.
+  if (gate_passed_) co_return false;
+  summary_.failed = !co_await gateViews(budget);
+  co_return !summary_.failed && summary_.gated_views > 0;
+}
+
+Task<bool> BundleAdjuster::move(Budget* budget) {
+  (void)co_await movePoses(problem_.cameras, step_.camera, &trial_.cameras, budget);
+  (void)co_await movePoses(problem_.markers, step_.marker, &trial_.markers, budget);
+  if (problem_.shutter) {
+    trial_.shutter->readout_s = problem_.shutter->readout_s + step_.globals[9];
+  }
+  co_return !problem_.lens || moveLens(*problem_.lens, step_.globals.head<9>(), &*trial_.lens);
+}
+
+void BundleAdjuster::accept(double cost) {
+  problem_.cameras = trial_.cameras;
+  problem_.markers = trial_.markers;
+  problem_.lens = trial_.lens;
+  if (problem_.shutter) problem_.shutter->readout_s = trial_.shutter->readout_s;
+  summary_.final_cost = cost;
+  lambda_ = std::max(0.1 * lambda_, 1e-12);
+}
+
+Task<bool> BundleAdjuster::gateViews(Budget* budget) {
+  gate_passed_ = true;
+  if (options_.view_chi2 <= 0.0) co_return true;
+  std::vector<double> squared;
+  const bool seen = co_await cornerErrors(problem_, whitened_, &squared, budget);
+  if (!seen) co_return true;
+  gated_ = outlierViews(squared);
+  if (gated_.empty()) co_return true;
+  summary_.gated_views = static_cast<int>(gated_.size());
+  for (const std::size_t view : gated_) whitened_[view].fill(Eigen::Matrix2d::Zero());  // no weight
+  const bool rest = co_await linearize(problem_, whitened_, options_.huber, &equations_, budget);
+  if (rest) summary_.final_cost = equations_.cost;
+  co_return rest;
+}
+
+std::vector<std::size_t> BundleAdjuster::outlierViews(const std::vector<double>& squared) const {
+  std::vector<std::size_t> outliers;
+  std::vector<int> views_of_camera(problem_.cameras.size(), 0);
+  std::vector<int> views_of_marker(problem_.markers.size(), 0);
+  for (const BundleProblem::Observation& view : problem_.observations) {
+    ++views_of_camera[static_cast<std::size_t>(view.camera)];
+    ++views_of_marker[static_cast<std::size_t>(view.marker)];
+  }
+  constexpr int kKept = 2;
+  const double worst = options_.view_chi2 * summary_.residual_sigma * summary_.residual_sigma;
+  for (std::size_t i = 0; i < problem_.observations.size(); ++i) {
+    const double* corners = squared.data() + 4 * i;
+    if (corners[0] + corners[1] + corners[2] + corners[3] <= worst) continue;
+    int& of_camera = views_of_camera[static_cast<std::size_t>(problem_.observations[i].camera)];
+    int& of_marker = views_of_marker[static_cast<std::size_t>(problem_.observations[i].marker)];
+    if (of_camera <= kKept || of_marker <= kKept) continue;
+    --of_camera;
+    --of_marker;
+    outliers.push_back(i);
+  }
+  // So many are no outliers: the model is wrong, or far from converged.
+  if (4 * outliers.size() > problem_.observations.size()) outliers.clear();
+  return outliers;
+}
+
+Matrix6d BundleAdjuster::markerCovariance(int marker) const {
+  return poseCovariance(equations_.H_marker[static_cast<std::size_t>(marker)],
+                        summary_.residual_sigma);
+}
+
+Task<std::optional<double>> BundleAdjuster::readoutSigma_s(Budget* budget) {
+  if (!problem_.shutter) co_return std::nullopt;
+  const bool solved = co_await schur_.solve(problem_, equations_, 0.0, &step_, budget);
+  const auto variance = solved ? schur_.readoutVariance(problem_) : std::nullopt;
+  if (!variance || !(*variance > 0.0)) co_return std::nullopt;
+  co_return summary_.residual_sigma* std::sqrt(*variance);
+}
+
+BundleSummary adjustBundle(BundleProblem* problem, const BundleOptions& options) {
+  BundleAdjuster adjuster(*problem, options);
+  const BundleSummary summary =
+      runToCompletion([&](Budget* budget) { return adjuster.run(budget); });
+  *problem = adjuster.problem();
+  return summary;
+}
+
+double bundleCost(const BundleProblem& problem, const BundleOptions& options) {
+  double cost = 0.0;
+  const auto whitened =
+      runToCompletion([&](Budget* budget) { return whitenCorners(problem, budget); });
+  const bool seen = runToCompletion(
+      [&](Budget* budget) { return robustCost(problem, whitened, options.huber, &cost, budget); });
+  return seen ? cost : std::numeric_limits<double>::infinity();
+}
+
+}  // namespace waymark::slam

@@ -1,0 +1,64 @@
+// What a bundle adjustment is about: cameras, markers, who sees what, and what is known beforehand.
+#pragma once
+
+#include <array>
+#include <optional>
+#include <vector>
+
+#include "slam/detection/marker_detection.h"
+#include "slam/geometry/camera_model.h"
+#include "slam/geometry/transform.h"
+
+namespace waymark::slam {
+
+struct BundleProblem {
+  struct Pose {
+    Transform T;  // T_w_c or T_w_m
+    bool fixed = false;
+  };
+  struct Observation {
+    int camera = 0;  // index into cameras
+    int marker = 0;  // index into markers
+    const MarkerDetection* detection = nullptr;
+  };
+  // A surveyed marker pose: (dp, dtheta) from T to the estimate has this information matrix.
+  struct Prior {
+    int marker = 0;  // index into markers
+    Transform T_w_m;
+    Matrix6d information = Matrix6d::Identity();  // 1/m^2, 1/rad^2
+  };
+  // Intrinsics as unknowns (section 4.10), held by what the calibration says of them.
+  struct Lens {
+    CameraModel camera;     // the unknown, as it is now
+    CameraModel seen_with;  // the one that undistorted the detections; does not change
+    IntrinsicVector expected = IntrinsicVector::Zero();
+    IntrinsicVector sigma = IntrinsicVector::Zero();  // of expected; 0 keeps a parameter fixed
+  };
+
+  // The readout time of a rolling shutter as an unknown (rolling_shutter.h).
+  struct Shutter {
+    double readout_s = 0.0;         // the unknown, as it is now
+    double corrected_with_s = 0.0;  // what the detections were corrected with
+    double sigma_s = 0.1;           // of corrected_with_s
+    // By observation: how far each second of readout moves a corner, normalized.
+    std::vector<std::array<Eigen::Vector2d, 4>> motion;
+  };
+
+  std::vector<Pose> cameras;
+  std::vector<Pose> markers;
+  std::vector<double> marker_sizes_m;  // as many as markers
+  std::vector<Observation> observations;
+  std::vector<Prior> priors;
+  std::optional<Lens> lens;
+  std::optional<Shutter> shutter;
+
+  // Unknowns that every observation depends on: intrinsics, then the readout time.
+  static constexpr int kGlobals = 10;
+  [[nodiscard]] bool hasGlobals() const { return lens || shutter; }
+};
+
+using GlobalVector = Eigen::Matrix<double, BundleProblem::kGlobals, 1>;
+using GlobalMatrix = Eigen::Matrix<double, BundleProblem::kGlobals, BundleProblem::kGlobals>;
+using PoseGlobalMatrix = Eigen::Matrix<double, 6, BundleProblem::kGlobals>;
+
+}  // namespace waymark::slam

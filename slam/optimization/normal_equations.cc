@@ -1,0 +1,295 @@
+#include "slam/optimization/normal_equations.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstddef>
+
+#include <Eigen/Cholesky>
+
+#include "slam/geometry/robust.h"
+
+namespace waymark::slam {
+namespace {
+
+std::size_t at(int index) { return static_cast<std::size_t>(index); }
+
+// What steps cost, in microseconds of a core of 3 GHz.
+constexpr double kWhiten = 0.1;     // an observation
+constexpr double kResiduals = 0.1;  // of an observation
+constexpr double kLinearize = 0.35;
+
+// An observation's residuals (two by corner), and their derivatives by its marker's pose and by the
+// globals; those by the camera's follow from the marker's.
+struct ObservationTerm {
+  Eigen::Matrix<double, 8, 1> residual;  // whitened
+  Eigen::Matrix<double, 8, 6> J_marker;
+  Eigen::Matrix<double, 8, BundleProblem::kGlobals> J_global;
+};
+
+// The corner as the camera saw it at the middle row's time, given the readout time as it is now.
+Eigen::Vector2d seenAt(const BundleProblem& problem, std::size_t o, std::size_t k) {
+  const Eigen::Vector2d& seen = problem.observations[o].detection->normalized[k];
+  if (!problem.shutter) return seen;
+  const double longer_s = problem.shutter->readout_s - problem.shutter->corrected_with_s;
+  return seen - longer_s * problem.shutter->motion[o][k];
+}
+
+// Whitened. The projection must be in front of the camera.
+Eigen::Vector2d residualOf(const BundleProblem& problem, std::size_t o, std::size_t k,
+                           const Eigen::Matrix2d& W, const Eigen::Vector2d& projected) {
+  const Eigen::Vector2d seen = seenAt(problem, o, k);
+  if (!problem.lens) return W * (projected - seen);
+  return W * (problem.lens->camera.distort(projected) - problem.lens->seen_with.distort(seen));
+}
+
+void differentiateByGlobals(const BundleProblem& problem, std::size_t o, std::size_t k,
+                            const Eigen::Matrix2d& W, const Eigen::Vector2d& projected,
+                            ObservationTerm* term) {
+  const auto row = static_cast<Eigen::Index>(2 * k);
+  auto J = term->J_global.middleRows<2>(row);
+  J.setZero();
+  if (problem.lens) J.leftCols<9>() = W * problem.lens->camera.intrinsicJacobian(projected);
+  if (!problem.shutter) return;
+  Eigen::Matrix2d J_seen = Eigen::Matrix2d::Identity();
+  if (problem.lens) (void)problem.lens->seen_with.distort(seenAt(problem, o, k), &J_seen);
+  J.rightCols<1>() = W * J_seen * problem.shutter->motion[o][k];
+}
+
+// Its corners in the camera's frame; false when one is behind it.
+bool cornersInCamera(const BundleProblem& problem, std::size_t o,
+                     std::array<Eigen::Vector3d, 4>* corners_c) {
+  const auto& observation = problem.observations[o];
+  const Transform& T_w_c = problem.cameras[at(observation.camera)].T;
+  const Transform& T_w_m = problem.markers[at(observation.marker)].T;
+  const double half = 0.5 * problem.marker_sizes_m[at(observation.marker)];
+  // Corners are centre and half the sides to the right and up.
+  const Eigen::Vector3d centre = T_w_c.R.transpose() * (T_w_m.p - T_w_c.p);
+  const Eigen::Vector3d right = T_w_c.R.transpose() * (half * T_w_m.R.col(0));
+  const Eigen::Vector3d up = T_w_c.R.transpose() * (half * T_w_m.R.col(1));
+  *corners_c = {centre - right + up, centre + right + up, centre + right - up, centre - right - up};
+  return std::ranges::all_of(*corners_c,
+                             [](const Eigen::Vector3d& p) { return p.z() >= kNearestDepth; });
+}
+
+// Calls `use(corner's squared norm)` for every corner; false when one is behind its camera.
+template <typename Use>
+bool squaredErrors(const BundleProblem& problem, std::size_t o, const WhitenedCorners& whitened,
+                   const Use& use) {
+  std::array<Eigen::Vector3d, 4> corners_c;
+  if (!cornersInCamera(problem, o, &corners_c)) return false;
+  for (std::size_t k = 0; k < 4; ++k) {
+    const Eigen::Vector2d projected = corners_c[k].head<2>() / corners_c[k].z();
+    use(residualOf(problem, o, k, whitened[k], projected).squaredNorm());
+  }
+  return true;
+}
+
+// Weighted with the kernel's; adds to the cost.
+bool differentiate(const BundleProblem& problem, std::size_t o, const WhitenedCorners& whitened,
+                   double huber, ObservationTerm* term, double* cost) {
+  const auto& observation = problem.observations[o];
+  const Transform& T_w_c = problem.cameras[at(observation.camera)].T;
+  const Transform& T_w_m = problem.markers[at(observation.marker)].T;
+  std::array<Eigen::Vector3d, 4> corners_c;
+  if (!cornersInCamera(problem, o, &corners_c)) return false;
+  const auto corners_m = markerCorners(problem.marker_sizes_m[at(observation.marker)]);
+  for (std::size_t k = 0; k < 4; ++k) {
+    const Eigen::Vector2d projected = corners_c[k].head<2>() / corners_c[k].z();
+    const Eigen::Vector2d residual = residualOf(problem, o, k, whitened[k], projected);
+    const double squared = residual.squaredNorm();
+    *cost += huberCost(squared, huber);
+    const double root = std::sqrt(huberWeight(squared, huber));
+    const Eigen::Matrix2d W = root * whitened[k];
+    Matrix23d J_point = projectionJacobian(T_w_c, corners_c[k]);
+    if (problem.lens) {
+      Eigen::Matrix2d J_distortion;
+      (void)problem.lens->camera.distort(projected, &J_distortion);
+      J_point = (J_distortion * J_point).eval();
+    }
+    J_point = (W * J_point).eval();
+    const auto row = static_cast<Eigen::Index>(2 * k);
+    const Eigen::Vector3d arm = T_w_m.R.leftCols<2>() * corners_m[k].head<2>();
+    term->residual.segment<2>(row) = root * residual;
+    // -J_point * skew(arm), row by row.
+    for (Eigen::Index i = 0; i < 2; ++i) {
+      const Eigen::Vector3d j = J_point.row(i);
+      term->J_marker.row(row + i) << j.transpose(), arm.cross(j).transpose();
+    }
+    if (problem.hasGlobals()) differentiateByGlobals(problem, o, k, W, projected, term);
+  }
+  return true;
+}
+
+// By the camera's pose: J_camera = -J_marker K with K = [I, -skew(d); 0, I], where d is from the
+// camera to the marker. Returns K^T X.
+template <int Columns>
+Eigen::Matrix<double, 6, Columns> transposedTimes(const Eigen::Vector3d& d,
+                                                  const Eigen::Matrix<double, 6, Columns>& X) {
+  Eigen::Matrix<double, 6, Columns> result = X;
+  for (int j = 0; j < Columns; ++j) {
+    result.template block<3, 1>(3, j) += d.cross(X.template block<3, 1>(0, j));
+  }
+  return result;
+}
+
+void accumulate(const BundleProblem& problem, std::size_t o, const ObservationTerm& term,
+                NormalEquations* equations) {
+  const auto& observation = problem.observations[o];
+  const std::size_t c = at(observation.camera);
+  const std::size_t m = at(observation.marker);
+  Matrix6d H;
+  for (int j = 0; j < 6; ++j) {
+    for (int i = j; i < 6; ++i) {
+      H(i, j) = H(j, i) = term.J_marker.col(i).dot(term.J_marker.col(j));
+    }
+  }
+  Vector6d g;
+  for (int i = 0; i < 6; ++i) g[i] = term.J_marker.col(i).dot(term.residual);
+  const Eigen::Vector3d d = problem.markers[m].T.p - problem.cameras[c].T.p;
+  const Matrix6d KtH = transposedTimes<6>(d, H);
+  equations->H_marker[m] += H;
+  equations->g_marker[m] += g;
+  equations->H_camera[c] += transposedTimes<6>(d, KtH.transpose());
+  equations->g_camera[c] -= transposedTimes<1>(d, g);
+  equations->H_cross[o] = -KtH;
+  if (!problem.hasGlobals()) return;
+  const PoseGlobalMatrix G = term.J_marker.transpose() * term.J_global;
+  equations->H_marker_global[m] += G;
+  equations->H_camera_global[c] -= transposedTimes<BundleProblem::kGlobals>(d, G);
+  equations->H_global.noalias() += term.J_global.transpose() * term.J_global;
+  equations->g_global.noalias() += term.J_global.transpose() * term.residual;
+}
+
+Vector6d priorError(const BundleProblem& problem, const BundleProblem::Prior& prior) {
+  return prior.T_w_m.localCoordinates(problem.markers[at(prior.marker)].T);
+}
+
+// 1 / sigma^2 of each global; a fixed one gets a weight no data outvotes.
+GlobalVector globalInformation(const BundleProblem& problem) {
+  constexpr double kFixed = 1e16;
+  GlobalVector sigma = GlobalVector::Zero();
+  if (problem.lens) sigma.head<9>() = problem.lens->sigma;
+  if (problem.shutter) sigma[9] = problem.shutter->sigma_s;
+  GlobalVector information;
+  for (Eigen::Index i = 0; i < information.size(); ++i) {
+    information[i] = sigma[i] > 0.0 ? std::min(1.0 / (sigma[i] * sigma[i]), kFixed) : kFixed;
+  }
+  return information;
+}
+
+// How far the globals are from what was expected of them.
+GlobalVector globalError(const BundleProblem& problem) {
+  GlobalVector error = GlobalVector::Zero();
+  if (problem.lens) error.head<9>() = problem.lens->camera.intrinsics() - problem.lens->expected;
+  if (problem.shutter) {
+    error[9] = problem.shutter->readout_s - problem.shutter->corrected_with_s;
+  }
+  return error;
+}
+
+double priorCost(const BundleProblem& problem) {
+  double cost = 0.0;
+  for (const auto& prior : problem.priors) {
+    const Vector6d e = priorError(problem, prior);
+    cost += e.dot(prior.information * e);
+  }
+  if (problem.hasGlobals()) {
+    const GlobalVector e = globalError(problem);
+    cost += e.dot(globalInformation(problem).asDiagonal() * e);
+  }
+  return cost;
+}
+
+void addPriors(const BundleProblem& problem, NormalEquations* equations) {
+  for (const auto& prior : problem.priors) {
+    // To first order d localCoordinates = d delta: the estimate stays near a surveyed pose.
+    equations->H_marker[at(prior.marker)] += prior.information;
+    equations->g_marker[at(prior.marker)] += prior.information * priorError(problem, prior);
+  }
+  if (problem.hasGlobals()) {
+    const GlobalVector information = globalInformation(problem);
+    equations->H_global.diagonal() += information;
+    equations->g_global += information.cwiseProduct(globalError(problem));
+  }
+}
+
+void reset(const BundleProblem& problem, NormalEquations* equations) {
+  equations->H_camera.assign(problem.cameras.size(), Matrix6d::Zero());
+  equations->g_camera.assign(problem.cameras.size(), Vector6d::Zero());
+  equations->H_marker.assign(problem.markers.size(), Matrix6d::Zero());
+  equations->g_marker.assign(problem.markers.size(), Vector6d::Zero());
+  equations->H_cross.resize(problem.observations.size());  // each is set as a whole
+  if (problem.hasGlobals()) {
+    equations->H_camera_global.assign(problem.cameras.size(), PoseGlobalMatrix::Zero());
+    equations->H_marker_global.assign(problem.markers.size(), PoseGlobalMatrix::Zero());
+  }
+  equations->H_global.setZero();
+  equations->g_global.setZero();
+  equations->cost = 0.0;
+}
+
+}  // namespace
+
+Task<std::vector<WhitenedCorners>> whitenCorners(const BundleProblem& problem, Budget* budget) {
+  std::vector<WhitenedCorners> whitened;
+  whitened.reserve(problem.observations.size());
+  for (const auto& observation : problem.observations) {
+    co_await budget->spend(kWhiten);
+    std::array<Eigen::Matrix2d, 4> covariance = observation.detection->covariance;
+    for (std::size_t k = 0; problem.lens && k < 4; ++k) {
+      Eigen::Matrix2d J;
+      (void)problem.lens->seen_with.distort(observation.detection->normalized[k], &J);
+      covariance[k] = J * covariance[k] * J.transpose();
+    }
+    whitened.push_back(whitening(covariance));
+  }
+  co_return whitened;
+}
+
+Matrix6d poseCovariance(const Matrix6d& H, double residual_sigma) {
+  if (H.isZero()) return Matrix6d::Zero();
+  return residual_sigma * residual_sigma * H.ldlt().solve(Matrix6d::Identity());
+}
+
+Task<bool> robustCost(const BundleProblem& problem, const std::vector<WhitenedCorners>& whitened,
+                      double huber, double* cost, Budget* budget) {
+  *cost = 0.0;
+  for (std::size_t o = 0; o < problem.observations.size(); ++o) {
+    co_await budget->spend(kResiduals);
+    const bool seen = squaredErrors(problem, o, whitened[o],
+                                    [&](double squared) { *cost += huberCost(squared, huber); });
+    if (!seen) co_return false;
+  }
+  *cost += priorCost(problem);
+  co_return true;
+}
+
+Task<bool> cornerErrors(const BundleProblem& problem, const std::vector<WhitenedCorners>& whitened,
+                        std::vector<double>* squared, Budget* budget) {
+  squared->clear();
+  squared->reserve(4 * problem.observations.size());
+  for (std::size_t o = 0; o < problem.observations.size(); ++o) {
+    co_await budget->spend(kResiduals);
+    const bool seen =
+        squaredErrors(problem, o, whitened[o], [&](double error) { squared->push_back(error); });
+    if (!seen) co_return false;
+  }
+  co_return true;
+}
+
+Task<bool> linearize(const BundleProblem& problem, const std::vector<WhitenedCorners>& whitened,
+                     double huber, NormalEquations* equations, Budget* budget) {
+  reset(problem, equations);
+  ObservationTerm term;
+  for (std::size_t o = 0; o < problem.observations.size(); ++o) {
+    co_await budget->spend(kLinearize);
+    if (!differentiate(problem, o, whitened[o], huber, &term, &equations->cost)) co_return false;
+    accumulate(problem, o, term, equations);
+  }
+  equations->cost += priorCost(problem);
+  addPriors(problem, equations);
+  co_return true;
+}
+
+}  // namespace waymark::slam

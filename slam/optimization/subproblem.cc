@@ -1,0 +1,161 @@
+#include "slam/optimization/subproblem.h"
+
+#include <algorithm>
+#include <utility>
+
+#include "base/sorted.h"
+
+namespace waymark::slam {
+namespace {
+
+constexpr double kTakeView = 0.2;  // microseconds of a core of 3 GHz
+
+void addMarkers(const Map& map, std::span<const int> ids, const MarkerOptions& markers,
+                Subproblem* part) {
+  for (const int id : ids) {
+    const MapMarker* const marker = map.findPosed(id);
+    if (marker == nullptr) continue;
+    part->markers.push_back({id, marker->former_poses.size()});
+    part->problem.markers.push_back({*marker->T_w_m, markers.origin_marker == id});
+    part->problem.marker_sizes_m.push_back(marker->size_m);
+  }
+  for (const Anchor& anchor : markers.anchors) {
+    const int index = part->markerIndex(anchor.id);
+    if (index < 0) continue;
+    Vector6d information;
+    information << Eigen::Vector3d::Constant(1.0 / (anchor.sigma_m * anchor.sigma_m)),
+        Eigen::Vector3d::Constant(1.0 / (anchor.sigma_rad * anchor.sigma_rad));
+    part->problem.priors.push_back({index, anchor.T_w_m, information.asDiagonal()});
+  }
+}
+
+// Those that see one of the markers.
+void addKeyframes(const Map& map, std::span<const SubproblemMembers::Role> roles,
+                  const MarkerOptions& markers, Subproblem* part) {
+  const bool first_is_world = !markers.origin_marker && markers.anchors.empty();
+  const KeyframeId first = map.keyframes().empty() ? -1 : map.keyframes().begin()->first;
+  for (const auto& [id, held] : roles) {
+    const Keyframe& keyframe = map.keyframes().at(id);
+    const bool sees_some = std::ranges::any_of(
+        keyframe.detections, [&](const auto& seen) { return part->markerIndex(seen.id) >= 0; });
+    if (!sees_some) continue;
+    part->problem.cameras.push_back({keyframe.T_w_c, held || (first_is_world && id == first)});
+    part->keyframes.push_back(id);
+  }
+}
+
+}  // namespace
+
+int Subproblem::markerIndex(int id) const {
+  const auto found = std::ranges::lower_bound(markers, id, {}, &Marker::id);
+  if (found == markers.end() || found->id != id) return -1;
+  return static_cast<int>(found - markers.begin());
+}
+
+SubproblemMembers wholeMap(const Map& map) {
+  SubproblemMembers roles;
+  roles.keyframes.reserve(map.keyframes().size());
+  for (const auto& [id, keyframe] : map.keyframes()) roles.keyframes.push_back({id, false});
+  for (const auto& [id, marker] : map.markers()) roles.markers.push_back(id);
+  return roles;
+}
+
+SubproblemMembers localMap(const Map& map, KeyframeId keyframe) {
+  const std::vector<KeyframeId> near = map.neighbours(keyframe);
+  SubproblemMembers roles;
+  roles.markers = map.markersSeenFrom(near);
+  std::vector<KeyframeId> views;
+  for (const int id : roles.markers) {
+    if (map.findPosed(id) == nullptr) continue;
+    const auto of_marker = map.viewsOf(id);
+    views.insert(views.end(), of_marker.begin(), of_marker.end());
+  }
+  views.insert(views.end(), near.begin(), near.end());
+  sortUnique(&views);
+  for (const KeyframeId id : views) {
+    roles.keyframes.push_back({id, !std::ranges::binary_search(near, id)});
+  }
+  return roles;
+}
+
+SubproblemMembers newestMap(const Map& map, int keyframes) {
+  SubproblemMembers roles;
+  std::vector<KeyframeId> ids;
+  for (auto it = map.keyframes().rbegin(); it != map.keyframes().rend(); ++it) {
+    if (static_cast<int>(ids.size()) == keyframes) break;
+    ids.push_back(it->first);
+  }
+  std::ranges::reverse(ids);
+  for (const KeyframeId id : ids) roles.keyframes.push_back({id, id == ids.front()});
+  roles.markers = map.markersSeenFrom(ids);
+  return roles;
+}
+
+Task<Subproblem> buildSubproblem(const Map& map, SubproblemMembers roles,
+                                 const MarkerOptions& markers, Budget* budget) {
+  Subproblem part;
+  part.epoch = map.epoch();
+  addMarkers(map, roles.markers, markers, &part);
+  addKeyframes(map, roles.keyframes, markers, &part);
+  for (std::size_t c = 0; c < part.keyframes.size(); ++c) {
+    const auto found = map.keyframes().find(part.keyframes[c]);
+    if (found == map.keyframes().end()) continue;  // has been let go since the first slice
+    const std::size_t views = found->second.detections.size();
+    for (const MarkerDetection& detection : found->second.detections) {
+      const int marker = part.markerIndex(detection.id);
+      if (marker < 0) continue;
+      part.detections.push_back(detection);
+      part.problem.observations.push_back({static_cast<int>(c), marker, &part.detections.back()});
+    }
+    co_await budget->spend(kTakeView * static_cast<double>(views));
+  }
+  co_return part;
+}
+
+MapCorrection correctionOf(const Subproblem& part, const BundleAdjuster& adjuster) {
+  MapCorrection correction;
+  correction.summary = adjuster.summary();
+  correction.epoch = part.epoch;
+  correction.keyframes.reserve(part.keyframes.size());
+  for (std::size_t c = 0; c < part.keyframes.size(); ++c) {
+    correction.keyframes.push_back({part.keyframes[c], adjuster.problem().cameras[c].T});
+  }
+  correction.markers.reserve(part.markers.size());
+  for (std::size_t m = 0; m < part.markers.size(); ++m) {
+    correction.markers.push_back({part.markers[m], adjuster.problem().markers[m].T,
+                                  adjuster.markerCovariance(static_cast<int>(m))});
+  }
+  for (const std::size_t view : adjuster.gatedViews()) {
+    const auto& observation = adjuster.problem().observations[view];
+    const auto camera = static_cast<std::size_t>(observation.camera);
+    if (camera >= part.keyframes.size()) continue;  // not of the map
+    correction.outliers.push_back({part.keyframes[camera], observation.detection->id});
+  }
+  return correction;
+}
+
+bool apply(const MapCorrection& correction, Map* map) {
+  if (correction.epoch != map->epoch()) return false;
+  for (const auto& [id, T_w_c] : correction.keyframes) {
+    if (map->keyframes().contains(id)) map->keyframePose(id) = T_w_c;
+  }
+  for (const auto& corrected : correction.markers) {
+    const MapMarker* const known = map->findPosed(corrected.marker.id);
+    if (known == nullptr || known->former_poses.size() != corrected.marker.former_poses) continue;
+    MapMarker& marker = map->marker(known->id);
+    marker.T_w_m = corrected.T_w_m;
+    marker.covariance = corrected.covariance;
+  }
+  return true;
+}
+
+std::optional<Transform> applyAround(KeyframeId keyframe, const MapCorrection& correction,
+                                     Map* map) {
+  const auto found = map->keyframes().find(keyframe);
+  const bool is_there = found != map->keyframes().end();
+  const Transform T_was = is_there ? found->second.T_w_c : Transform{};
+  if (!apply(correction, map)) return std::nullopt;
+  return is_there ? found->second.T_w_c * T_was.inverse() : Transform{};
+}
+
+}  // namespace waymark::slam

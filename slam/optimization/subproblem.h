@@ -1,0 +1,88 @@
+// A part of the map as a bundle problem, with copies of all it needs: an adjustment in slices does
+// not mind what becomes of the map meanwhile. And the way back: what was found, as a correction.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <deque>
+#include <optional>
+#include <vector>
+
+#include "base/task.h"
+#include "slam/map/map.h"
+#include "slam/map/marker_options.h"
+#include "slam/optimization/bundle_adjuster.h"
+
+namespace waymark::slam {
+
+struct Subproblem {
+  struct Marker {
+    int id = -1;
+    std::size_t former_poses = 0;  // how many it had: another number, another place on the wall
+  };
+  BundleProblem problem;              // its observations point to the detections
+  std::vector<KeyframeId> keyframes;  // by camera, ascending
+  std::vector<Marker> markers;        // by marker, ascending
+  std::deque<MarkerDetection> detections;
+  std::uint64_t epoch = 0;  // of the map
+
+  // Index of a marker; -1 for one that takes no part.
+  [[nodiscard]] int markerIndex(int id) const;
+};
+
+// Who takes part, and who is held where it is.
+struct SubproblemMembers {
+  struct Role {
+    KeyframeId keyframe = -1;
+    bool held = false;
+  };
+  std::vector<Role> keyframes;  // ascending
+  std::vector<int> markers;     // ids, ascending; those without a pose take no part
+};
+
+// All of it.
+[[nodiscard]] SubproblemMembers wholeMap(const Map& map);
+// Section 4.7: the keyframes that share a marker with the given one (Eq. 30) and the markers they
+// see (Eq. 31); other keyframes that see those markers are held (Eq. 32). Precondition: it exists.
+[[nodiscard]] SubproblemMembers localMap(const Map& map, KeyframeId keyframe);
+// The newest keyframes and what they see; the oldest of them is held.
+[[nodiscard]] SubproblemMembers newestMap(const Map& map, int keyframes);
+
+// What fixes the world (`markers`: an origin marker, anchors, or else the first keyframe) is held
+// too. Keyframes that see none of the markers take no part. Poses are those of the first slice.
+Task<Subproblem> buildSubproblem(const Map& map, SubproblemMembers roles,
+                                 const MarkerOptions& markers, Budget* budget);
+
+struct MapCorrection {
+  struct KeyframePose {
+    KeyframeId id = -1;
+    Transform T_w_c;
+  };
+  struct MarkerPose {
+    Subproblem::Marker marker;
+    Transform T_w_m;
+    Matrix6d covariance = Matrix6d::Zero();
+  };
+  struct View {
+    KeyframeId keyframe = -1;
+    int marker = -1;
+  };
+  std::vector<KeyframePose> keyframes;
+  std::vector<MarkerPose> markers;
+  std::vector<View> outliers;  // what took no part in the end
+  BundleSummary summary;
+  std::uint64_t epoch = 0;
+};
+
+[[nodiscard]] MapCorrection correctionOf(const Subproblem& part, const BundleAdjuster& adjuster);
+
+// Puts the poses into the map, where they are still of use: what has left it since, or hangs
+// somewhere else by now, stays as it is. False, and nothing is done, when the map's coordinates are
+// not those of the part any more.
+bool apply(const MapCorrection& correction, Map* map);
+// The same; and what it did to a keyframe, T_new_old: the identity where the map has it no more.
+// Empty where nothing is done.
+std::optional<Transform> applyAround(KeyframeId keyframe, const MapCorrection& correction,
+                                     Map* map);
+
+}  // namespace waymark::slam

@@ -1,0 +1,80 @@
+#include "slam/relocalization/relocalizer.h"
+
+#include <algorithm>
+#include <utility>
+#include <vector>
+
+namespace waymark::slam {
+namespace {
+
+// Squared errors are cut off per marker, so that one that moved cannot outvote the others.
+constexpr double kCutChi2 = 400.0;
+
+double truncatedCost(std::span<const KnownMarker> markers, const Transform& T_w_c) {
+  double cost = 0.0;
+  for (const KnownMarker& marker : markers) {
+    const auto chi2 = PoseOptimizer::markerChi2(marker, T_w_c);
+    cost += chi2 ? std::min(*chi2, kCutChi2) : kCutChi2;
+  }
+  return cost;
+}
+
+struct Hypothesis {
+  Transform T_w_c;
+  double cost;
+};
+
+// Theta^t of section 4.8, the best by Eq. 34 first. Empty when the only marker is ambiguous.
+std::vector<Hypothesis> proposePoses(std::span<const KnownMarker> markers, double focal_px,
+                                     const RelocalizerOptions& options) {
+  std::vector<Hypothesis> hypotheses;
+  for (const KnownMarker& marker : markers) {
+    const auto pose =
+        estimateSquarePose(*marker.detection, marker.size_m, focal_px, options.square);
+    if (!pose) continue;
+    if (markers.size() == 1 && !pose->unambiguous(options.ambiguity_ratio)) return {};
+    for (const Transform& T_c_m : pose->T_c_m) {
+      const Transform T_w_c = marker.T_w_m * T_c_m.inverse();
+      hypotheses.push_back({T_w_c, truncatedCost(markers, T_w_c)});
+    }
+  }
+  std::sort(hypotheses.begin(), hypotheses.end(),
+            [](const Hypothesis& a, const Hypothesis& b) { return a.cost < b.cost; });
+  return hypotheses;
+}
+
+// Whether a pose that is not the solution, once refined, explains the markers about as well.
+bool isRivalled(const PoseSolution& solution, std::span<const KnownMarker> markers,
+                const std::vector<Hypothesis>& hypotheses, const PoseOptimizer& optimizer,
+                const RelocalizerOptions& options) {
+  constexpr double kOtherPose = 0.1;  // radians
+  const double floor = options.square.evidence_floor;
+  const double chosen = truncatedCost(markers, solution.T_w_c) + floor;
+  for (const Hypothesis& other : hypotheses) {
+    if (rotationDistance(other.T_w_c.R, solution.T_w_c.R) < kOtherPose) continue;
+    const auto refined = optimizer.optimize(markers, other.T_w_c);
+    if (!refined || rotationDistance(refined->T_w_c.R, solution.T_w_c.R) < kOtherPose) continue;
+    const double cost = truncatedCost(markers, refined->T_w_c) + floor;
+    return cost < options.ambiguity_ratio * chosen;
+  }
+  return false;
+}
+
+}  // namespace
+
+std::optional<PoseSolution> relocalize(std::span<const KnownMarker> markers,
+                                       const PoseOptimizer& optimizer, double focal_px,
+                                       const RelocalizerOptions& options) {
+  const std::vector<Hypothesis> hypotheses = proposePoses(markers, focal_px, options);
+  if (hypotheses.empty()) return std::nullopt;
+  auto solution = optimizer.optimize(markers, hypotheses.front().T_w_c);
+  if (!solution) return std::nullopt;
+  // Most of what is seen has to agree.
+  if (2 * solution->inliers < static_cast<int>(markers.size())) return std::nullopt;
+  if (markers.size() > 1 && isRivalled(*solution, markers, hypotheses, optimizer, options)) {
+    return std::nullopt;
+  }
+  return solution;
+}
+
+}  // namespace waymark::slam

@@ -1,0 +1,72 @@
+// Tracking (seed 1, section 4.3): the camera pose from all valid markers of a frame, markers fixed.
+#pragma once
+
+#include <optional>
+#include <span>
+
+#include "slam/geometry/transform.h"
+#include "slam/tracking/known_marker.h"
+#include "slam/tracking/marker_flags.h"
+
+namespace waymark::slam {
+
+struct PoseOptimizerOptions {
+  int max_iterations = 20;
+  // Huber's threshold on a corner's whitened residual norm, in units of the frame's own noise; 2.45
+  // keeps 95 % of Gaussian corners quadratic.
+  double huber = 2.45;
+  // A marker whose chi-square (8 residuals, in units of the frame's own noise) exceeds this is left
+  // out: 26.1 is the 99.9 % quantile. Smaller rejects more good markers, larger lets a moved one
+  // pull. Needs three markers: two that disagree cannot be told apart.
+  double marker_chi2 = 26.1;
+  // A marker that fits this well is never left out, pixels: below it the lens model and the paper
+  // speak, not the marker.
+  double inlier_rms_px = 0.35;
+  // A pose is rejected when its residuals' RMS exceeds both of these: pixels, and a share of the
+  // markers' mean side in the image (close by, a bent sheet is many pixels off).
+  double max_rms_px = 3.0;
+  double max_rms_per_side = 0.06;
+};
+
+struct PoseSolution {
+  Transform T_w_c;
+  // Of (dp, dtheta) in the world frame, scaled up where the residuals exceed the corner
+  // covariances.
+  Matrix6d covariance = Matrix6d::Zero();
+  double chi2 = 0.0;          // whitened squared residuals of the inliers
+  int inliers = 0;            // markers
+  double rms_px = 0.0;        // of the corners' distances, inliers
+  double mean_side_px = 0.0;  // of the inliers in the image
+  MarkerFlags inlier;         // one per marker given
+};
+
+class PoseOptimizer {
+ public:
+  // focal_px turns normalized residuals into pixels for rms_px.
+  explicit PoseOptimizer(double focal_px, const PoseOptimizerOptions& options = {});
+
+  // Levenberg-Marquardt on Eq. 22 from `guess`, robust, every corner weighted by how well the image
+  // and the map know it; then estimates the frame's noise from the residuals, gates the markers by
+  // it and runs again with those that fit. Empty when nothing can be projected or the normal
+  // equations are singular.
+  [[nodiscard]] std::optional<PoseSolution> optimize(std::span<const KnownMarker> markers,
+                                                     const Transform& guess) const;
+
+  // Whether the residuals are small enough for the pose to mean anything.
+  [[nodiscard]] bool acceptable(const PoseSolution& solution) const;
+
+  // Sum of the whitened squared residuals of one marker (8 of them); empty behind the camera.
+  [[nodiscard]] static std::optional<double> markerChi2(const KnownMarker& marker,
+                                                        const Transform& T_w_c);
+  // Whether a pose explains it; noise: of the residuals, in units of the corners' own.
+  [[nodiscard]] bool explains(const KnownMarker& marker, const Transform& T_w_c,
+                              double residual_sigma) const;
+
+ private:
+  [[nodiscard]] double rmsPx(const KnownMarker& marker, const Transform& T_w_c) const;
+
+  double focal_px_;
+  PoseOptimizerOptions options_;
+};
+
+}  // namespace waymark::slam
