@@ -90,9 +90,9 @@ TEST_P(SteadyTracking, TakesNone) {
   }
   const auto feed = [&](int frame) {
     const auto result =
-        slam.processDetections(seen[static_cast<std::size_t>(frame)],
-                               {static_cast<std::uint64_t>(frame), frame * kFramePeriodNs});
-    EXPECT_TRUE(result.pose) << result.reason;
+        slam.process({.time = {static_cast<std::uint64_t>(frame), frame * kFramePeriodNs},
+                      .detections = seen[static_cast<std::size_t>(frame)]});
+    EXPECT_TRUE(result.pose) << describe(result.reason);
     return result.keyframe_added;
   };
   int frame = 0;

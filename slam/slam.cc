@@ -1,36 +1,21 @@
 #include "slam/slam.h"
 
-#include <algorithm>
 #include <utility>
+#include <vector>
 
 #include "base/sorted.h"
 #include "base/task.h"
-#include "slam/loop_closure/loop_closure_manager.h"
-#include "slam/loop_closure/loop_detector.h"
+#include "slam/detection/search/marker_follower.h"
+#include "slam/initialization/initializer.h"
+#include "slam/mapping/map_updater.h"
+#include "slam/mapping/rolling_shutter_estimator.h"
+#include "slam/marker_screening/marker_screening.h"
+#include "slam/optimization/map_optimizer.h"
 #include "slam/tracking/expected_markers.h"
-#include "slam/tracking/frame_context.h"
+#include "slam/tracking/frame_tracker.h"
+#include "slam/tracking/local_markers.h"
 
 namespace waymark::slam {
-namespace {
-
-// Brackets a stage for the caller's stopwatch.
-class StageScope {
- public:
-  StageScope(StageObserver* observer, Stage stage) : observer_(observer), stage_(stage) {
-    if (observer_ != nullptr) observer_->begin(stage_);
-  }
-  ~StageScope() {
-    if (observer_ != nullptr) observer_->end(stage_);
-  }
-  StageScope(const StageScope&) = delete;
-  StageScope& operator=(const StageScope&) = delete;
-
- private:
-  StageObserver* observer_;
-  Stage stage_;
-};
-
-}  // namespace
 
 class Slam::Impl {
  public:
@@ -39,57 +24,40 @@ class Slam::Impl {
         camera_(camera),
         given_intrinsics_(camera.intrinsics()),
         follower_(camera_, std::move(dictionary), options.detector, options.follower),
-        initializer_(options.markers, camera_.focalLength(), options.initialization),
-        tracker_(camera_.focalLength(), options.tracking),
-        mapper_(options.markers, camera_.focalLength(), options.mapper),
         screening_(options.markers, options.screening),
+        initializer_(options.markers, camera_.focalLength(), options.initialization),
         rolling_shutter_(options.shutter, options.markers),
-        loops_(options_, camera_, tracker_.optimizer(), loop_detector_, &screening_, &counters_),
-        locator_(screening_, camera_, rolling_shutter_, tracker_),
+        tracker_(camera_, options.tracking, rolling_shutter_),
+        updater_(options_, camera_, tracker_.tracker().optimizer(), local_, &screening_,
+                 &rolling_shutter_, &counters_),
+        locator_(screening_, camera_, rolling_shutter_, tracker_.tracker()),
         map_(std::move(map)),
         last_old_keyframe_(map_.keyframes().empty() ? -1 : map_.keyframes().rbegin()->first) {
     map_.dictionary = follower_.dictionary().name();
   }
 
-  FrameResult processFrame(const ImageView& image, const FrameTime& time, StageObserver* observer) {
-    std::span<const MarkerDetection> detections;
-    {
-      const StageScope scope(observer, Stage::kDetect);
-      expectMarkers(time.monotonic_ns);
-      detections = follower_.find(image, time.monotonic_ns, expected_);
-      ++(follower_.mode() == SearchMode::kFullScan ? counters_.full_scans
-                                                   : counters_.followed_frames);
-    }
-    return processDetections(detections, time, observer);
-  }
-
   // The stages of seed 1, Fig. 4, in its order.
-  FrameResult processDetections(std::span<const MarkerDetection> detections, const FrameTime& time,
-                                StageObserver* observer) {
+  FrameResult process(const FrameInput& frame, StageObserver* observer) {
     ++counters_.frames;
     FrameResult result;
-    result.detections = detections;
-    if (workIsDone()) {
+    auto prediction = tracker_.predict(frame.time.monotonic_ns);
+    result.detections = detect(frame, prediction, observer);
+    if (updater_.hasFinishedWork()) {
       const StageScope scope(observer, Stage::kMap);
       collectWork(&result);
+      prediction = tracker_.predict(frame.time.monotonic_ns);  // in the map's new coordinates
     }
-    context_.time = time;
-    screening_.screen(detections, camera_, map_, &context_.detections, &counters_);
+    const auto usable = screening_.screen(result.detections, camera_, map_, &counters_);
     if (map_.empty()) {
       const StageScope scope(observer, Stage::kMap);
-      initialize(context_.detections, time, &result);
+      initialize(usable, frame.time, &result);
     } else {
-      look();
-      {
-        const StageScope scope(observer, Stage::kTrack);
-        track(&context_, &result);
-      }
+      const auto tracked = track(usable, frame.time, prediction, observer, &result);
       if (options_.mapping) {
         const StageScope scope(observer, Stage::kMap);
-        if (result.pose) loops_.meet(map_, mapper_.residual_sigma(), &context_);  // section 4.9
-        if (result.pose) updateMap(&context_, &result);
+        if (tracked) grow(*tracked, &result);
         // Also after a new keyframe: in fast motion every frame is one.
-        work(options_.work_per_frame);
+        updater_.work(options_.work_per_frame, map_);
       }
     }
     if (result.pose) ++counters_.localized;
@@ -97,8 +65,8 @@ class Slam::Impl {
   }
 
   void finish() {
-    while (options_.mapping && !idle()) {
-      work(kUnlimited);
+    while (options_.mapping && !updater_.idle(map_)) {
+      updater_.work(kUnlimited, map_);
       FrameResult nobodys;
       collectWork(&nobodys);
     }
@@ -108,7 +76,7 @@ class Slam::Impl {
     finish();
     if (options_.mapping) {
       locator_.densify(frames, last_old_keyframe_, &map_);
-      mapper_.resolveAll(&map_);
+      updater_.resolveAll(&map_);
     }
   }
 
@@ -130,7 +98,7 @@ class Slam::Impl {
   [[nodiscard]] std::optional<PoseEstimate> localize(const RecordedFrame& frame) const {
     const auto located = locator_.locate(map_, frame);
     if (!located) return std::nullopt;
-    return tracker_.estimateOf(located->solution, located->known, frame.twist);
+    return tracker_.tracker().estimateOf(located->solution, located->known, frame.twist);
   }
 
   [[nodiscard]] const Map& map() const { return map_; }
@@ -139,249 +107,136 @@ class Slam::Impl {
   [[nodiscard]] double readout_s() const { return rolling_shutter_.seconds(); }
 
  private:
-  // Fills expected_ with the markers of the last frame and those near it in the map.
-  void expectMarkers(std::int64_t time_ns) {
-    expected_.clear();
-    const auto before = tracker_.lastPose();
-    const auto now = tracker_.predict(time_ns);
-    if (!before || !now) return;
-    const auto local = loop_detector_.localMarkers();
-    expected_ids_.assign(local.begin(), local.end());
-    for (const auto& followed : follower_.followed()) {
-      expected_ids_.push_back(followed.measured.detection.id);
-    }
-    sortUnique(&expected_ids_);
-    slam::expectMarkers(map_, expected_ids_, *before, *now, &expected_);
-  }
+  // A frame that is tracked, and those of its detections that fit.
+  struct Tracked {
+    TrackedFrame frame;
+    std::span<const MarkerDetection> fitting;
+  };
 
-  [[nodiscard]] bool workIsDone() const {
-    return mapper_.isDone() || rolling_shutter_.isDone() || loops_.isDone();
+  // The corners in the image, looked for where the map's markers are expected first.
+  std::span<const MarkerDetection> detect(const FrameInput& frame,
+                                          const std::optional<Prediction>& prediction,
+                                          StageObserver* observer) {
+    if (frame.detections || !frame.image) {
+      return frame.detections.value_or(std::span<const MarkerDetection>{});
+    }
+    const StageScope scope(observer, Stage::kDetect);
+    expected_.clear();
+    if (prediction) {
+      expected_ids_.assign(local_.ids().begin(), local_.ids().end());
+      for (const auto& followed : follower_.followed()) {
+        expected_ids_.push_back(followed.measured.detection.id);
+      }
+      sortUnique(&expected_ids_);
+      expectMarkers(map_, expected_ids_, prediction->T_w_last, prediction->T_w_c, &expected_);
+    }
+    const auto& found = follower_.find(*frame.image, frame.time.monotonic_ns, expected_);
+    ++(follower_.mode() == SearchMode::kFullScan ? counters_.full_scans
+                                                 : counters_.followed_frames);
+    return found;
   }
 
   // What was under way and is done goes into the map before the next frame is tracked in it.
   void collectWork(FrameResult* result) {
-    if (const auto T_new_old = mapper_.collect(&map_, &counters_)) moved(*T_new_old, result);
-    if (const auto T_new_old =
-            rolling_shutter_.collect(camera_, options_.loops.optimization, &map_)) {
-      moved(*T_new_old, result);
-    }
-    if (const auto T_new_old = loops_.collect(&map_)) {
-      moved(*T_new_old, result);
-      result->keyframe_added = true;
-      loop_detector_.forget();
-    }
-  }
-
-  // The map moved under the camera.
-  void moved(const Transform& T_new_old, FrameResult* result) {
-    if (const auto last = tracker_.lastPose()) tracker_.correct(T_new_old * *last);
-    result->map_changed = true;
-  }
-
-  // A slice of what is under way: at least half of it is for what is larger than the neighbourhood
-  // of a keyframe, where there is such a thing.
-  void work(double cost) {
-    const bool local_only = loops_.idle() && rolling_shutter_.idle(map_);
-    const double for_local = local_only ? cost : 0.5 * cost;
-    const double unspent = std::max(mapper_.work(for_local, map_), 0.0);
-    const double rest = cost - for_local + unspent;
-    if (loops_.idle()) {
-      rolling_shutter_.work(rest, camera_, map_, options_.loops.optimization);
-    } else {
-      loops_.work(rest);
-    }
-  }
-
-  [[nodiscard]] bool idle() const {
-    return mapper_.idle() && rolling_shutter_.idle(map_) && loops_.idle();
-  }
-
-  // What sight_'s detections are good for.
-  void look() {
-    context_.fitting.clear();
-    context_.closes_loop = false;
-    const std::int64_t now_ns = context_.time.monotonic_ns;
-    if (const auto predicted = tracker_.predict(now_ns)) {
-      deskew(*predicted, tracker_.twistTo(*predicted, now_ns), &context_.detections);
-    }
-    split(&context_);
-  }
-
-  void split(FrameContext* context) {
-    findKnownMarkers(map_, context->detections, &known_);
-    loop_detector_.split(known_, &context->known);
-    // Nothing eligible: not a closing loop, but another place. Relocalize there.
-    if (context->known.eligible.empty()) std::swap(context->known.eligible, context->known.loop);
-  }
-
-  void deskew(const Transform& T_w_c, const Twist& twist,
-              std::vector<MarkerDetection>* detections) const {
-    rolling_shutter_.deskew(camera_, map_, T_w_c, twist, detections);
+    const FinishedWork finished = updater_.collect(&map_);
+    for (const Transform& T_new_old : finished.T_new_old) tracker_.correct(T_new_old);
+    result->map_changed = !finished.T_new_old.empty();
+    result->keyframe_added = finished.loop_closed;
+    if (finished.loop_closed) local_.reset();
   }
 
   // Section 4.1.
-  void initialize(const std::vector<MarkerDetection>& usable, const FrameTime& time,
+  void initialize(std::span<const MarkerDetection> usable, const FrameTime& time,
                   FrameResult* result) {
     result->state = TrackingState::kInitializing;
     if (!options_.mapping) {
-      result->reason = "there is no map, and mapping is off";
+      result->reason = NoPoseReason::kNoMap;
       return;
     }
-    const auto start =
-        initializer_.process({-1, time.sequence, time.monotonic_ns, Transform{}, usable});
+    const auto start = initializer_.process(
+        {-1, time.sequence, time.monotonic_ns, Transform{}, {usable.begin(), usable.end()}});
     if (!start) {
       result->reason = initializer_.reason();
       return;
     }
-    const Transform T_w_c = mapper_.begin(*start, &map_, &counters_);
+    const Transform T_w_c = updater_.begin(*start, &map_);
     result->map_changed = result->keyframe_added = true;
     const std::vector<KnownMarker> known = knownMarkers(map_, usable);
-    const auto solution = tracker_.optimizer().optimize(known, T_w_c);
+    const auto solution = tracker_.tracker().optimizer().optimize(known, T_w_c);
     if (!solution) return;
-    result->pose = tracker_.estimateOf(*solution, known, Twist::Zero());
+    result->pose = tracker_.tracker().estimateOf(*solution, known, Twist::Zero());
     result->pose->T_w_c = T_w_c;  // of a keyframe: by definition of the world, or as optimized
     result->state = TrackingState::kTracking;
-    tracker_.commit(T_w_c, time.monotonic_ns);
+    tracker_.commit(*result->pose, time.monotonic_ns);
   }
 
-  // Sections 4.3 and 4.8, with the eligible markers only (Eq. 36).
-  void track(FrameContext* context, FrameResult* result) {
+  // Sections 4.3 and 4.8. Empty without a pose.
+  std::optional<Tracked> track(std::span<const MarkerDetection> usable, const FrameTime& time,
+                               const std::optional<Prediction>& prediction, StageObserver* observer,
+                               FrameResult* result) {
+    const StageScope scope(observer, Stage::kTrack);
+    const FrameMarkers markers = tracker_.split(map_, usable, time, prediction, local_);
+    TrackingOutcome outcome = tracker_.track(map_, markers, prediction);
+    counters_.rejected_poses += static_cast<std::uint64_t>(outcome.rejected_poses);
+    decideLost(outcome);
+    result->reason = outcome.reason;
     result->state = TrackingState::kRelocalizing;
-    if (context->known.eligible.empty()) {
-      result->reason =
-          context->detections.empty() ? "no marker in view" : "no marker in view has a pose yet";
-      lose();
-      return;
+    if (!outcome.frame) return std::nullopt;
+    if (outcome.frame->method == TrackingMethod::kRelocalized) ++counters_.relocalizations;
+    const FittedMarkers fitted =
+        tracker_.fit(map_, markers, *outcome.frame, updater_.residualSigma());
+    counters_.rejected_markers += static_cast<std::uint64_t>(fitted.rejected);
+    for (const auto& [marker, agrees] : fitted.verdicts) {
+      screening_.record(marker, agrees, time.monotonic_ns);
     }
-    const std::int64_t now_ns = context->time.monotonic_ns;
-    auto tracked = tracker_.track(context->known.eligible, now_ns);
-    if (!tracked && !context->known.loop.empty()) {
-      // Lost for what is near; but the map knows other markers in view.
-      lose();
-      split(context);
-      tracked = tracker_.track(context->known.eligible, now_ns);
-    }
-    if (!tracked) {
-      ++counters_.rejected_poses;
-      result->reason = context->known.eligible.size() == 1
-                           ? "the only known marker in view is ambiguous"
-                           : "the markers in view do not fit the map";
-      lose();
-      return;
-    }
-    if (tracked->prediction_rejected) ++counters_.rejected_poses;
-    if (tracked->method == TrackingMethod::kRelocalized) ++counters_.relocalizations;
-    context->solution = std::move(tracked->solution);
-    context->twist = tracker_.twistTo(context->solution.T_w_c, now_ns);
-    deskewAgain(context);
-    sortByFit(context);
-    result->pose = tracker_.estimateOf(context->solution, context->known.eligible, context->twist);
+    result->pose = tracker_.estimateOf(*outcome.frame);
     result->state = TrackingState::kTracking;
-    tracker_.commit(context->solution.T_w_c, now_ns);
+    tracker_.commit(*result->pose, time.monotonic_ns);
+    return Tracked{std::move(*outcome.frame), fitted.fitting};
   }
 
-  // What was near is not near any more, perhaps; and what comes now may be at a loop's other end.
-  void lose() {
-    loop_detector_.forget();
-    loops_.forget();
+  // What comes now may be at a loop's other end.
+  void decideLost(const TrackingOutcome& outcome) {
+    if (!outcome.lost_place) return;
+    local_.reset();
+    updater_.cancelLoopClosure();
   }
 
-  // With the velocity this frame has shown, instead of the predicted one.
-  void deskewAgain(FrameContext* context) {
-    if (rolling_shutter_.seconds() == 0.0) return;
-    deskew(context->solution.T_w_c, context->twist, &context->detections);
-    auto better = tracker_.optimizer().optimize(context->known.eligible, context->solution.T_w_c);
-    if (!better || !tracker_.optimizer().acceptable(*better)) return;
-    context->solution = std::move(*better);
-    context->twist = tracker_.twistTo(context->solution.T_w_c, context->time.monotonic_ns);
-  }
-
-  // Fills `fitting` with the detections that agree with the pose, and with those the map has no
-  // pose for; tells the watch of the others.
-  void sortByFit(FrameContext* context) {
-    for (const MarkerDetection& detection : context->detections) {
-      if (map_.findPosed(detection.id) == nullptr) context->fitting.push_back(detection);
-    }
-    const std::vector<KnownMarker>& known = context->known.eligible;
-    const bool others_agree = context->solution.inliers >= 2;
-    for (std::size_t i = 0; i < known.size(); ++i) {
-      if (context->solution.inlier[i]) {
-        context->fitting.push_back(*known[i].detection);
-      } else {
-        ++counters_.rejected_markers;
-      }
-      // A frame may be stricter than the map is sure of itself.
-      const bool agrees = context->solution.inlier[i] ||
-                          tracker_.optimizer().explains(known[i], context->solution.T_w_c,
-                                                        mapper_.residual_sigma());
-      if (agrees || others_agree) {
-        screening_.record(known[i].detection->id, agrees, context->time.monotonic_ns);
-      }
-    }
-    sortById(&context->fitting);
-  }
-
-  // Sections 4.2 and 4.4 to 4.7, and what the watch has noticed.
-  void updateMap(FrameContext* context, FrameResult* result) {
-    bool changed = screening_.banDuplicates(&map_, &counters_);
-    if (loops_.haveMoved(map_, *context)) {
-      changed = screening_.quarantineMoved(&map_, &counters_) || changed;
-    }
-    if (changed) {
-      std::erase_if(context->fitting, [&](const MarkerDetection& d) {
-        const MapMarker* marker = map_.find(d.id);
-        return marker != nullptr && marker->state == MarkerState::kBanned;
-      });
-      result->map_changed = true;
-    }
+  // Sections 4.2 and 4.4 to 4.9.
+  void grow(const Tracked& tracked, FrameResult* result) {
+    const MapGrowth growth = updater_.grow(tracked.frame, tracked.fitting, &map_);
+    result->map_changed = result->map_changed || growth.map_changed;
+    result->keyframe_added = result->keyframe_added || growth.keyframe_added;
     const Transform& T_w_c = result->pose->T_w_c;
-    const bool grown = !context->fitting.empty() &&
-                       (context->closes_loop || mapper_.wants(context->fitting, T_w_c, map_));
-    if (grown) {
-      mapper_.insert(context->frameAt(T_w_c), &map_, &counters_);
-      result->map_changed = result->keyframe_added = true;
-      for (const MarkerDetection& detection : context->fitting) {
-        screening_.checkReturned(detection.id, &map_, &counters_);
-      }
-    }
-    const double depth_m = medianDepth(map_, context->fitting, T_w_c).value_or(1.0);
-    loop_detector_.follow(map_, context->fitting, T_w_c, depth_m, options_.mapper.keyframes);
+    const double depth_m = medianDepth(map_, growth.fitting, T_w_c).value_or(1.0);
+    local_.update(map_, growth.fitting, T_w_c, depth_m, options_.mapper.keyframes);
   }
 
   Options options_;
   CameraModel camera_;
   IntrinsicVector given_intrinsics_;
+  Counters counters_;
   MarkerFollower follower_;
-  Initializer initializer_;
-  Tracker tracker_;
-  Mapper mapper_;
-  LoopDetector loop_detector_;
   MarkerScreening screening_;
+  Initializer initializer_;
   RollingShutterEstimator rolling_shutter_;
-  LoopClosureManager loops_;
+  LocalMarkers local_;
+  FrameTracker tracker_;
+  MapUpdater updater_;
   RecordedFrameLocator locator_;
   Map map_;
+  KeyframeId last_old_keyframe_;  // of the map given at the start; -1 for none
   // Reused from frame to frame.
-  FrameContext context_;
-  std::vector<KnownMarker> known_;
   std::vector<int> expected_ids_;
   std::vector<ExpectedMarker> expected_;
-  KeyframeId last_old_keyframe_;  // of the map given at the start; -1 for none
-  Counters counters_;
 };
 
 Slam::Slam(const CameraModel& camera, Dictionary dictionary, const Options& options, Map map)
     : impl_(std::make_unique<Impl>(camera, std::move(dictionary), options, std::move(map))) {}
 Slam::~Slam() = default;
 
-FrameResult Slam::processFrame(const ImageView& image, const FrameTime& time,
-                               StageObserver* observer) {
-  return impl_->processFrame(image, time, observer);
-}
-
-FrameResult Slam::processDetections(std::span<const MarkerDetection> detections,
-                                    const FrameTime& time, StageObserver* observer) {
-  return impl_->processDetections(detections, time, observer);
+FrameResult Slam::process(const FrameInput& frame, StageObserver* observer) {
+  return impl_->process(frame, observer);
 }
 
 const Map& Slam::map() const { return impl_->map(); }

@@ -2,53 +2,21 @@
 // no clocks, no files; time comes in with the frame.
 #pragma once
 
-#include <cstdint>
 #include <memory>
 #include <optional>
 #include <span>
-#include <vector>
 
-#include "base/image_view.h"
 #include "slam/counters.h"
 #include "slam/detection/codes/dictionary.h"
-#include "slam/detection/marker_detection.h"
-#include "slam/frame_time.h"
+#include "slam/frame.h"
 #include "slam/geometry/camera_model.h"
-#include "slam/geometry/transform.h"
 #include "slam/map/map.h"
 #include "slam/mapping/recorded_frames.h"
 #include "slam/options.h"
 #include "slam/pose_estimate.h"
+#include "slam/stage_observer.h"
 
 namespace waymark::slam {
-
-// What the system is doing; seed 1, Fig. 4.
-enum class TrackingState {
-  kInitializing,  // no map yet
-  kTracking,      // this frame has a pose
-  kRelocalizing,  // there is a map, but this frame has no pose
-};
-
-struct FrameResult {
-  TrackingState state = TrackingState::kInitializing;
-  std::optional<PoseEstimate> pose;
-  // Why there is no pose, for people; empty when there is one. Points to static text.
-  const char* reason = "";
-  bool map_changed = false;
-  bool keyframe_added = false;
-  // Valid until the next call.
-  std::span<const MarkerDetection> detections;
-};
-
-// The caller's stopwatch: the SLAM has no clock of its own, so it says when a stage begins and
-// ends.
-enum class Stage { kDetect, kTrack, kMap };
-class StageObserver {
- public:
-  virtual ~StageObserver() = default;
-  virtual void begin(Stage stage) = 0;
-  virtual void end(Stage stage) = 0;
-};
 
 class Slam {
  public:
@@ -59,12 +27,8 @@ class Slam {
   Slam(const Slam&) = delete;
   Slam& operator=(const Slam&) = delete;
 
-  // Precondition: the image has the camera's size. `observer` may be null.
-  FrameResult processFrame(const ImageView& image, const FrameTime& time,
-                           StageObserver* observer = nullptr);
-  // The same from corners found elsewhere (recorded detections).
-  FrameResult processDetections(std::span<const MarkerDetection> detections, const FrameTime& time,
-                                StageObserver* observer = nullptr);
+  // The next frame. Precondition: an image has the camera's size. `observer` may be null.
+  FrameResult process(const FrameInput& frame, StageObserver* observer = nullptr);
 
   [[nodiscard]] const Map& map() const;
   [[nodiscard]] const Counters& counters() const;

@@ -154,7 +154,7 @@ TEST_P(SceneAccuracy, EveryFrameIsLocalizedToMillimetres) {
   std::vector<Eigen::Vector3d> truth;
   int lost = 0;
   forEachFrame(**source, [&](const capture::Frame& frame) {
-    const slam::FrameResult result = slam.processFrame(frame.image(), timeOf(frame));
+    const slam::FrameResult result = slam.process({.time = timeOf(frame), .image = frame.image()});
     if (!result.pose) {
       lost += slam.map().empty() ? 0 : 1;
       return;
@@ -222,7 +222,7 @@ TEST_P(RealRecording, IsLocalized) {
     std::vector<std::vector<cv::Point2f>> corners;
     std::vector<int> ids;
     cv::aruco::detectMarkers(grey, dictionary, corners, ids);
-    const slam::FrameResult result = slam.processFrame(image, timeOf(frame));
+    const slam::FrameResult result = slam.process({.time = timeOf(frame), .image = image});
     if (ids.empty()) return;
     ++with_marker;
     localized += result.pose ? 1 : 0;

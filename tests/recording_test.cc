@@ -163,8 +163,8 @@ void expectSamePoses(const fs::path& log, const std::vector<pose_t>& live) {
     ASSERT_TRUE(std::holds_alternative<capture::FramePtr>(read));
     const auto frame = std::get<capture::FramePtr>(std::move(read));
     ASSERT_EQ(static_cast<std::int64_t>(frame->stamp().sequence), pose.sequence);
-    const slam::FrameResult result =
-        slam.processFrame(frame->image(), {frame->stamp().sequence, frame->stamp().monotonic_ns});
+    const slam::FrameResult result = slam.process(
+        {.time = {frame->stamp().sequence, frame->stamp().monotonic_ns}, .image = frame->image()});
     ASSERT_EQ(result.pose.has_value(), pose.source != pose_t::SOURCE_NONE) << pose.sequence;
     if (!result.pose) continue;
     const Eigen::Quaterniond q = result.pose->T_w_c.quaternion();

@@ -193,7 +193,7 @@ void tryAgain(const RunRecord& record, slam::Slam* slam) {
     before = left.size();
     std::erase_if(left, [&](const slam::RecordedFrame& frame) {
       const slam::FrameTime time{frame.sequence, frame.monotonic_ns};
-      return slam->processDetections(frame.detections, time).pose.has_value();
+      return slam->process({.time = time, .detections = frame.detections}).pose.has_value();
     });
   } while (left.size() < before && !left.empty());
 }

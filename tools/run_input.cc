@@ -35,8 +35,8 @@ class FrameInput final : public RunInput {
       const capture::FrameStamp& stamp = frame->stamp();
       if (!first_ns_) first_ns_ = source_->info().live ? stamp.monotonic_ns : 0;
       timer.beginFrame();
-      const slam::FrameResult result =
-          slam.processFrame(frame->image(), {stamp.sequence, stamp.monotonic_ns}, &timer);
+      const slam::FrameResult result = slam.process(
+          {.time = {stamp.sequence, stamp.monotonic_ns}, .image = frame->image()}, &timer);
       timer.endFrame();
       return std::optional<Step>({stamp.monotonic_ns - *first_ns_, result});
     }
@@ -75,7 +75,7 @@ class DetectionsInput final : public RunInput {
     const io::RecordedFrame& frame = recorded_.frames[next_];
     timer.beginFrame();
     const slam::FrameResult result =
-        slam.processDetections(frame.detections, {next_, frame.time_ns}, &timer);
+        slam.process({.time = {next_, frame.time_ns}, .detections = frame.detections}, &timer);
     timer.endFrame();
     ++next_;
     return std::optional<Step>({frame.time_ns, result});

@@ -23,7 +23,7 @@ struct TimeSummary {
 
 class StageTimer final : public slam::StageObserver {
  public:
-  // Around processFrame(): everything from having the grey frame to having the pose.
+  // Around Slam::process(): everything from having the grey frame to having the pose.
   void beginFrame();
   void endFrame();
 

@@ -27,7 +27,7 @@ struct FrameRecord {
 
   capture::FrameStamp stamp;
   slam::TrackingState state = slam::TrackingState::kInitializing;
-  const char* reason = "";  // static text
+  slam::NoPoseReason reason = slam::NoPoseReason::kNone;
   std::optional<slam::PoseEstimate> pose;
   std::int64_t processing_ns = 0;  // from leaving the queue to this record
   // What took longest, when processing took longer than the time between frames.

@@ -69,8 +69,8 @@ void SlamLoop::countMapChange() {
 void SlamLoop::process(const capture::Frame& frame) {
   const capture::FrameStamp& stamp = frame.stamp();
   clock_.beginFrame();
-  const slam::FrameResult result =
-      slam_->processFrame(frame.image(), {stamp.sequence, stamp.monotonic_ns}, &clock_);
+  const slam::FrameResult result = slam_->process(
+      {.time = {stamp.sequence, stamp.monotonic_ns}, .image = frame.image()}, &clock_);
   record(stamp, result, clock_.endFrame());
   if (!output_.records.try_enqueue(record_)) {
     output_.records_lost.fetch_add(1, std::memory_order_relaxed);

@@ -36,8 +36,8 @@ class MapKeeper : public ::testing::Test {
     slam::Slam slam(camera, *slam::Dictionary::byName("4X4_50"), settings_.options, std::move(map));
     for (int i = 0; i < 20; ++i) {
       const auto T_w_c = slam::testing::lookAt({0.05 * i, 0.0, 0.02 * i}, {0.0, 3.0, 0.0});
-      slam.processDetections(slam::testing::observeAll(camera, T_w_c, wall_, kSize_m, 0.05, &rng_),
-                             {static_cast<std::uint64_t>(i), i * 33'000'000LL});
+      const auto seen = slam::testing::observeAll(camera, T_w_c, wall_, kSize_m, 0.05, &rng_);
+      slam.process({.time = {static_cast<std::uint64_t>(i), i * 33'000'000LL}, .detections = seen});
     }
     use(slam);
   }

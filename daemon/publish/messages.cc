@@ -77,7 +77,7 @@ void fillPose(const FrameRecord& record, std::optional<std::int64_t> last_pose_n
   message.monotonic_ns = record.stamp.monotonic_ns;
   message.sequence = static_cast<std::int64_t>(record.stamp.sequence);
   message.status = status(record.state);
-  message.reason = record.reason;
+  message.reason = slam::describe(record.reason);
   fillAge(record.stamp.monotonic_ns, last_pose_ns, message);
   if (record.pose) {
     fillEstimate(*record.pose, message);

@@ -60,7 +60,7 @@ TEST(PoseMessage, WithoutPoseSaysWhyAndHowOldAndKeepsNothingOfTheLast) {
   FrameRecord record = localizedRecord();
   record.pose.reset();
   record.state = slam::TrackingState::kRelocalizing;
-  record.reason = "no marker in view";
+  record.reason = slam::NoPoseReason::kNoMarker;
   record.stamp.monotonic_ns = 8'000;
   fillPose(record, 5'000, message);
   EXPECT_EQ(message.status, pose_t::STATUS_RELOCALIZING);

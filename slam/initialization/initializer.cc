@@ -6,25 +6,25 @@
 namespace waymark::slam {
 namespace {
 
-const char* reasonOf(TwoFrameFailure failure) {
+NoPoseReason reasonOf(TwoFrameFailure failure) {
   switch (failure) {
     case TwoFrameFailure::kNoCommonMarker:
-      return "all markers in view are ambiguous, and none is shared with an earlier frame";
+      return NoPoseReason::kNoneShared;
     case TwoFrameFailure::kShortBaseline:
-      return "all markers in view are ambiguous; move the camera sideways or closer";
+      return NoPoseReason::kShortBaseline;
     case TwoFrameFailure::kAmbiguous:
-      return "all markers in view are ambiguous, also from two places; move farther";
+      return NoPoseReason::kAmbiguousFromTwoViews;
     case TwoFrameFailure::kPoorFit:
-      return "two views of the markers contradict each other: check sizes and calibration";
+      return NoPoseReason::kViewsContradict;
   }
-  return "";
+  return NoPoseReason::kNone;
 }
 
 }  // namespace
 
 std::optional<Start> Initializer::process(const Keyframe& frame) {
   if (frame.detections.empty()) {
-    reason_ = "no marker in view";
+    reason_ = NoPoseReason::kNoMarker;
     return std::nullopt;
   }
   std::vector<InitialMarker> markers = initializeFromOneFrame(
@@ -41,7 +41,7 @@ std::optional<Start> Initializer::fromTwoFrames(const Keyframe& frame) {
   if (!first_ || attempts_ >= options_.attempts) {
     first_ = frame;
     attempts_ = 0;
-    reason_ = reasonOf(TwoFrameFailure::kShortBaseline);
+    reason_ = NoPoseReason::kShortBaseline;
     return std::nullopt;
   }
   ++attempts_;

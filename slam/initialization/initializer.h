@@ -7,6 +7,7 @@
 #include "slam/initialization/one_frame.h"
 #include "slam/initialization/two_frame.h"
 #include "slam/map/map.h"
+#include "slam/no_pose_reason.h"
 
 namespace waymark::slam {
 
@@ -33,8 +34,7 @@ class Initializer {
   // The next frame (its pose is not looked at). Empty while nothing can start yet; reason() then
   // says why.
   [[nodiscard]] std::optional<Start> process(const Keyframe& frame);
-  // For people; static text.
-  [[nodiscard]] const char* reason() const { return reason_; }
+  [[nodiscard]] NoPoseReason reason() const { return reason_; }
 
  private:
   [[nodiscard]] std::optional<Start> fromTwoFrames(const Keyframe& frame);
@@ -44,7 +44,7 @@ class Initializer {
   InitializationOptions options_;
   std::optional<Keyframe> first_;  // f^0
   int attempts_ = 0;               // frames tried against it
-  const char* reason_ = "";
+  NoPoseReason reason_ = NoPoseReason::kNone;
 };
 
 }  // namespace waymark::slam

@@ -6,11 +6,11 @@
 
 #include <gtest/gtest.h>
 
+#include "slam/camera_pose/pose_optimizer.h"
 #include "slam/marker_pose/square_pose.h"
 #include "slam/optimization/map_optimizer.h"
 #include "slam/testing/scene.h"
 #include "slam/testing/whole_map_fit.h"
-#include "slam/tracking/pose_optimizer.h"
 
 namespace waymark::slam {
 namespace {

@@ -8,37 +8,42 @@
 
 namespace waymark::slam {
 
-void LoopClosureManager::meet(const Map& map, double residual_sigma, FrameContext* context) {
-  const std::vector<KnownMarker>& loop = context->known.loop;
-  if (loop.empty() || !detector_.reference()) return;
-  const Transform& T_w_c = context->solution.T_w_c;
-  const std::vector<int> agreeing = fittingMarkers(loop, T_w_c, residual_sigma);
-  const bool ends_agree = 2 * agreeing.size() > loop.size();
-  if (2 * fittingMarkers(loop, T_w_c, 1.0).size() > loop.size()) {
-    join(agreeing, context);
-  } else if (work_) {
-    recordContradiction(*context);
-  } else if (frames_to_next_attempt_ > 0) {
-    --frames_to_next_attempt_;
-    if (ends_agree) join(agreeing, context);
-    if (!ends_agree) recordContradiction(*context);
-  } else if (!begin(map, loop, *context, Cause::kOtherPlace, ends_agree) && ends_agree) {
-    join(agreeing, context);
+LoopJunction LoopClosureManager::closeOrJoin(const Map& map, double residual_sigma,
+                                             const TrackedFrame& frame,
+                                             std::span<const MarkerDetection> fitting) {
+  if (frame.loop.empty() || !local_.reference()) return {};
+  const Transform& T_w_c = frame.solution.T_w_c;
+  const std::size_t count = frame.loop.size();
+  const std::vector<int> agreeing = fittingMarkers(frame.loop, T_w_c, residual_sigma);
+  const bool ends_agree = 2 * agreeing.size() > count;
+  if (2 * fittingMarkers(frame.loop, T_w_c, 1.0).size() > count) return join(agreeing, frame);
+  if (work_) {
+    recordContradiction(frame);
+    return {};
   }
+  if (frames_to_next_attempt_ > 0) {
+    --frames_to_next_attempt_;
+    if (ends_agree) return join(agreeing, frame);
+    recordContradiction(frame);
+    return {};
+  }
+  const bool started = start(map, frame.loop, frame, fitting, Cause::kOtherPlace, ends_agree);
+  return !started && ends_agree ? join(agreeing, frame) : LoopJunction{};
 }
 
-bool LoopClosureManager::haveMoved(const Map& map, const FrameContext& context) {
+bool LoopClosureManager::confirmMoved(const Map& map, const TrackedFrame& frame,
+                                      std::span<const MarkerDetection> fitting) {
   if (!screening_->suspectsMoved(map)) {
     misfits_rejected_ = false;
     return false;
   }
   if (work_) return false;  // its end will tell
-  if (std::exchange(misfits_rejected_, false) || !detector_.reference()) return true;
+  if (std::exchange(misfits_rejected_, false) || !local_.reference()) return true;
   std::vector<KnownMarker> misfits;
-  for (std::size_t i = 0; i < context.known.eligible.size(); ++i) {
-    if (!context.solution.inlier[i]) misfits.push_back(context.known.eligible[i]);
+  for (std::size_t i = 0; i < frame.eligible.size(); ++i) {
+    if (!frame.solution.inlier[i]) misfits.push_back(frame.eligible[i]);
   }
-  return misfits.empty() || !begin(map, misfits, context, Cause::kMisfits, false);
+  return misfits.empty() || !start(map, misfits, frame, fitting, Cause::kMisfits, false);
 }
 
 void LoopClosureManager::work(double cost) {
@@ -58,22 +63,22 @@ std::optional<Transform> LoopClosureManager::collect(Map* map) {
   if (!adopt(closed, map)) return std::nullopt;  // the coordinates are others by now
   ++counters_->loop_closures;
   ++counters_->keyframes_added;
-  screening_->forget();
+  screening_->forgetDisagreements();
   contradicting_marker_ = -1;
   return closed.closing.T_w_c * closed.T_w_tracked.inverse();
 }
 
 // False when the markers do not say where the frame is.
-bool LoopClosureManager::begin(const Map& map, std::span<const KnownMarker> markers,
-                               const FrameContext& context, Cause cause, bool ends_agree) {
-  LoopFrame candidate =
-      loopEvidence(context.frameAt(context.solution.T_w_c), *detector_.reference(), markers,
-                   optimizer_, camera_.focalLength(), options_.tracking.relocalization);
+bool LoopClosureManager::start(const Map& map, std::span<const KnownMarker> markers,
+                               const TrackedFrame& frame, std::span<const MarkerDetection> fitting,
+                               Cause cause, bool ends_agree) {
+  LoopFrame candidate = loopEvidence(keyframeOf(frame, fitting), *local_.reference(), markers,
+                                     optimizer_, camera_.focalLength(), relocalization_);
   if (candidate.expected.empty()) return false;
   const int only_marker = markers.size() == 1 ? markers[0].detection->id : -1;
   const Facts facts{cause, only_marker, ends_agree, costToCloseInTime(map)};
   work_.emplace(facts, [&](Budget* budget) {
-    return closeLoop(map, std::move(candidate), options_.markers, options_.loops, budget);
+    return closeLoop(map, std::move(candidate), markers_, options_, budget);
   });
   return true;
 }
@@ -81,7 +86,7 @@ bool LoopClosureManager::begin(const Map& map, std::span<const KnownMarker> mark
 double LoopClosureManager::costToCloseInTime(const Map& map) const {
   std::size_t views = 0;
   for (const auto& [id, keyframe] : map.keyframes()) views += keyframe.detections.size();
-  return options_.loops.cost_per_view * static_cast<double>(views) / options_.loops.frames_to_close;
+  return options_.cost_per_view * static_cast<double>(views) / options_.frames_to_close;
 }
 
 // Ids of the markers that a pose explains.
@@ -95,26 +100,25 @@ std::vector<int> LoopClosureManager::fittingMarkers(std::span<const KnownMarker>
   return fitting;
 }
 
-void LoopClosureManager::join(const std::vector<int>& agreeing, FrameContext* context) {
-  for (const KnownMarker& marker : context->known.loop) {
+LoopJunction LoopClosureManager::join(const std::vector<int>& agreeing, const TrackedFrame& frame) {
+  LoopJunction junction{.joins = true};
+  for (const KnownMarker& marker : frame.loop) {
     const int id = marker.detection->id;
     const bool agrees = std::ranges::binary_search(agreeing, id);
-    screening_->record(id, agrees, context->time.monotonic_ns);
-    if (agrees) context->fitting.push_back(*marker.detection);
+    screening_->record(id, agrees, frame.time.monotonic_ns);
+    if (agrees) junction.joined.push_back(*marker.detection);
     if (!agrees) ++counters_->rejected_markers;
   }
-  sortById(&context->fitting);
-  context->closes_loop = true;
   ++counters_->loops_without_drift;
+  return junction;
 }
 
 // One marker that contradicts all others, whose loop was rejected for that: it moved, or hangs
-// twice, more likely than they did. The watch hears of every frame, not only of the attempts.
-void LoopClosureManager::recordContradiction(const FrameContext& context) {
-  const std::vector<KnownMarker>& loop = context.known.loop;
-  if (loop.size() != 1 || loop[0].detection->id != contradicting_marker_) return;
-  if (context.solution.inliers < 2) return;
-  screening_->record(contradicting_marker_, false, context.time.monotonic_ns);
+// twice, more likely than they did. The screening hears of every frame, not only of the attempts.
+void LoopClosureManager::recordContradiction(const TrackedFrame& frame) {
+  if (frame.loop.size() != 1 || frame.loop[0].detection->id != contradicting_marker_) return;
+  if (frame.solution.inliers < 2) return;
+  screening_->record(contradicting_marker_, false, frame.time.monotonic_ns);
 }
 
 void LoopClosureManager::recordRejection(const Facts& facts, LoopRejection rejection) {

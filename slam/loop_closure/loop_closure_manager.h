@@ -7,41 +7,54 @@
 #include <vector>
 
 #include "base/task.h"
+#include "slam/camera_pose/pose_optimizer.h"
 #include "slam/counters.h"
 #include "slam/geometry/camera_model.h"
 #include "slam/loop_closure/loop_closer.h"
-#include "slam/loop_closure/loop_detector.h"
 #include "slam/marker_screening/marker_screening.h"
-#include "slam/options.h"
-#include "slam/tracking/frame_context.h"
-#include "slam/tracking/pose_optimizer.h"
+#include "slam/relocalization/relocalizer.h"
+#include "slam/tracking/frame_tracker.h"
+#include "slam/tracking/local_markers.h"
 
 namespace waymark::slam {
+
+// What is made of the markers of a frame that the neighbourhood does not know.
+struct LoopJunction {
+  // The frame joins both ends as they are: it is to become a keyframe, with `joined` in it.
+  bool joins = false;
+  std::vector<MarkerDetection> joined{};  // those of the markers that agree with its pose
+};
 
 // All that it is given at the start must outlive it, and the map a closure that is under way.
 class LoopClosureManager {
  public:
-  LoopClosureManager(const Options& options, const CameraModel& camera,
-                     const PoseOptimizer& optimizer, const LoopDetector& detector,
+  LoopClosureManager(const MarkerOptions& markers, const LoopOptions& options,
+                     const RelocalizerOptions& relocalization, const CameraModel& camera,
+                     const PoseOptimizer& optimizer, const LocalMarkers& local,
                      MarkerScreening* screening, Counters* counters)
-      : options_(options),
+      : markers_(markers),
+        options_(options),
+        relocalization_(relocalization),
         camera_(camera),
         optimizer_(optimizer),
-        detector_(detector),
+        local_(local),
         screening_(screening),
         counters_(counters) {}
 
   // Markers in view that the neighbourhood does not know close a loop. Where both ends agree as
   // well as corners can tell, there is nothing to correct, and the next keyframe joins them; also
-  // where they agree as well as the map agrees with itself (`noise`), and a correction was
-  // rejected.
-  void meet(const Map& map, double residual_sigma, FrameContext* context);
+  // where they agree as well as the map agrees with itself (`residual_sigma`), and a correction was
+  // rejected. Otherwise a closure is started. fitting: the detections that agree with the pose.
+  [[nodiscard]] LoopJunction closeOrJoin(const Map& map, double residual_sigma,
+                                         const TrackedFrame& frame,
+                                         std::span<const MarkerDetection> fitting);
   // Markers that have disagreed for long moved, or the map around them did: a loop that went
   // unnoticed, because the markers at its end were known here already. That is tried first. True
-  // when they moved.
-  [[nodiscard]] bool haveMoved(const Map& map, const FrameContext& context);
+  // when it was the markers.
+  [[nodiscard]] bool confirmMoved(const Map& map, const TrackedFrame& frame,
+                                  std::span<const MarkerDetection> fitting);
 
-  // A slice of the closure under way: `units`, or more where it would be too late otherwise.
+  // A slice of the closure under way: `cost`, or more where it would be too late otherwise.
   void work(double cost);
   // Puts a closure that is done into the map. What that did to where the camera is, T_new_old;
   // empty when there is none, it was rejected, or came too late.
@@ -49,7 +62,7 @@ class LoopClosureManager {
   [[nodiscard]] bool isDone() const { return work_ && work_->task.done(); }
   [[nodiscard]] bool idle() const { return !work_; }
   // What is under way is of no use any more: tracking was lost.
-  void forget() { work_.reset(); }
+  void cancel() { work_.reset(); }
 
  private:
   enum class Cause {
@@ -71,20 +84,23 @@ class LoopClosureManager {
     SlicedTask<LoopOutcome> task;
   };
 
-  [[nodiscard]] bool begin(const Map& map, std::span<const KnownMarker> markers,
-                           const FrameContext& context, Cause cause, bool ends_agree);
+  [[nodiscard]] bool start(const Map& map, std::span<const KnownMarker> markers,
+                           const TrackedFrame& frame, std::span<const MarkerDetection> fitting,
+                           Cause cause, bool ends_agree);
   [[nodiscard]] double costToCloseInTime(const Map& map) const;
   [[nodiscard]] std::vector<int> fittingMarkers(std::span<const KnownMarker> markers,
                                                 const Transform& T_w_c,
                                                 double residual_sigma) const;
-  void join(const std::vector<int>& agreeing, FrameContext* context);
-  void recordContradiction(const FrameContext& context);
+  [[nodiscard]] LoopJunction join(const std::vector<int>& agreeing, const TrackedFrame& frame);
+  void recordContradiction(const TrackedFrame& frame);
   void recordRejection(const Facts& facts, LoopRejection rejection);
 
-  const Options& options_;
+  const MarkerOptions& markers_;
+  const LoopOptions& options_;
+  const RelocalizerOptions& relocalization_;
   const CameraModel& camera_;
   const PoseOptimizer& optimizer_;
-  const LoopDetector& detector_;
+  const LocalMarkers& local_;
   MarkerScreening* screening_;
   Counters* counters_;
   std::optional<Work> work_;

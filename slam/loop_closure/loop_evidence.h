@@ -3,10 +3,10 @@
 
 #include <span>
 
+#include "slam/camera_pose/known_marker.h"
+#include "slam/camera_pose/pose_optimizer.h"
 #include "slam/loop_closure/loop_closer.h"
 #include "slam/relocalization/relocalizer.h"
-#include "slam/tracking/known_marker.h"
-#include "slam/tracking/pose_optimizer.h"
 
 namespace waymark::slam {
 

@@ -4,8 +4,8 @@
 #include <utility>
 #include <vector>
 
+#include "slam/camera_pose/known_marker.h"
 #include "slam/optimization/map_fit.h"
-#include "slam/tracking/known_marker.h"
 
 namespace waymark::slam {
 Transform Mapper::begin(const Start& start, Map* map, Counters* counters) {

@@ -49,7 +49,7 @@ class Mapper {
   [[nodiscard]] bool idle() const { return !local_ && !wanted_; }
 
   // Standard deviation of the map's whitened residuals as of late, at least 1.
-  [[nodiscard]] double residual_sigma() const { return residual_sigma_; }
+  [[nodiscard]] double residualSigma() const { return residual_sigma_; }
 
  private:
   [[nodiscard]] std::vector<InitialMarker> unambiguousNewMarkers(

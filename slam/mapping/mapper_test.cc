@@ -97,7 +97,7 @@ TEST_F(MapperTest, GrowsTheMapAndKeepsItTrue) {
   EXPECT_GE(map.keyframes().size(), 5U);
   EXPECT_EQ(counters_.keyframes_added, map.keyframes().size());
   expectTruth(map, view(0).inverse(), 0.02);
-  EXPECT_LT(mapper->residual_sigma(), 1.5) << "the corners' covariances say it all";
+  EXPECT_LT(mapper->residualSigma(), 1.5) << "the corners' covariances say it all";
 }
 
 // Keyframes come while the local optimization of an earlier one is under way.

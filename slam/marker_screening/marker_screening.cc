@@ -20,13 +20,14 @@ void dismiss(MapMarker* marker, MarkerState to, Map* map, Counters* counters) {
 
 }  // namespace
 
-void MarkerScreening::screen(std::span<const MarkerDetection> detections, const CameraModel& camera,
-                             const Map& map, std::vector<MarkerDetection>* usable,
-                             Counters* counters) {
-  const LeftOut left_out = sift(detections, camera, map, usable);
+std::span<const MarkerDetection> MarkerScreening::screen(
+    std::span<const MarkerDetection> detections, const CameraModel& camera, const Map& map,
+    Counters* counters) {
+  const LeftOut left_out = sift(detections, camera, map, &usable_);
   counters->doubled_markers += left_out.doubled.size();
   counters->clipped_markers += left_out.clipped;
   for (const int id : left_out.doubled) ++doubled_[id];
+  return usable_;
 }
 
 MarkerScreening::LeftOut MarkerScreening::sift(std::span<const MarkerDetection> detections,

@@ -36,10 +36,11 @@ class MarkerScreening {
   MarkerScreening(const MarkerOptions& markers, const MarkerScreeningOptions& options)
       : markers_(markers), options_(options) {}
 
-  // The detections that may be used, sorted by id: not ignored, not rejected, not doubled in this
-  // frame, not clipped.
-  void screen(std::span<const MarkerDetection> detections, const CameraModel& camera,
-              const Map& map, std::vector<MarkerDetection>* usable, Counters* counters);
+  // The detections that may be used, sorted by id: not ignored, not banned, no duplicates in this
+  // frame, not clipped. Valid until the next call.
+  [[nodiscard]] std::span<const MarkerDetection> screen(std::span<const MarkerDetection> detections,
+                                                        const CameraModel& camera, const Map& map,
+                                                        Counters* counters);
   // The same of a frame out of turn: nothing is counted.
   [[nodiscard]] std::vector<MarkerDetection> usable(std::span<const MarkerDetection> detections,
                                                     const CameraModel& camera,
@@ -56,7 +57,7 @@ class MarkerScreening {
   // Whether a marker of the map has disagreed for long enough to be quarantined.
   [[nodiscard]] bool suspectsMoved(const Map& map) const;
   // The map was corrected: whoever disagreed with it may agree now.
-  void forget() { disagreements_.clear(); }
+  void forgetDisagreements() { disagreements_.clear(); }
   // Quarantines in the map what has disagreed for long enough: its pose goes, and its views, and it
   // is estimated anew. True when the map changed.
   bool quarantineMoved(Map* map, Counters* counters);
@@ -81,6 +82,7 @@ class MarkerScreening {
 
   MarkerOptions markers_;
   MarkerScreeningOptions options_;
+  std::vector<MarkerDetection> usable_;        // of the last frame
   std::map<int, Disagreement> disagreements_;  // by id; only those that go on
   std::map<int, int> doubled_;                 // frames by id
 };

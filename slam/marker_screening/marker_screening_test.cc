@@ -31,9 +31,9 @@ class MarkerScreeningTest : public ::testing::Test {
 
   std::vector<int> screened(const std::vector<MarkerDetection>& detections) {
     std::vector<int> ids;
-    std::vector<MarkerDetection> usable;
-    screening_.screen(detections, camera_, map_, &usable, &counters_);
-    for (const auto& d : usable) ids.push_back(d.id);
+    for (const auto& d : screening_.screen(detections, camera_, map_, &counters_)) {
+      ids.push_back(d.id);
+    }
     return ids;
   }
 
@@ -150,7 +150,7 @@ TEST_F(MarkerScreeningTest, ACorrectedMapStartsOver) {
   EXPECT_FALSE(screening_.suspectsMoved(map_));
   disagree(1);
   EXPECT_TRUE(screening_.suspectsMoved(map_));
-  screening_.forget();
+  screening_.forgetDisagreements();
   EXPECT_FALSE(screening_.suspectsMoved(map_));
   EXPECT_FALSE(screening_.quarantineMoved(&map_, &counters_));
   EXPECT_NE(map_.findPosed(1), nullptr);

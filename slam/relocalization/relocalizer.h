@@ -4,8 +4,8 @@
 #include <optional>
 #include <span>
 
+#include "slam/camera_pose/pose_optimizer.h"
 #include "slam/marker_pose/square_pose.h"
-#include "slam/tracking/pose_optimizer.h"
 
 namespace waymark::slam {
 

@@ -7,10 +7,10 @@
 
 #include <Eigen/LU>
 
+#include "slam/camera_pose/known_marker.h"
 #include "slam/detection/marker_detection.h"
 #include "slam/geometry/camera_model.h"
 #include "slam/geometry/transform.h"
-#include "slam/tracking/known_marker.h"
 
 namespace waymark::slam::testing {
 

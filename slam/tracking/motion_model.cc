@@ -1,10 +1,28 @@
 #include "slam/tracking/motion_model.h"
 
 namespace waymark::slam {
+namespace {
 
-void MotionModel::update(const Transform& T_w_c, std::int64_t time_ns) {
-  velocity_ = twistTo(T_w_c, time_ns).value_or(Vector6d::Zero());
-  last_ = Stamped{T_w_c, time_ns};
+// Of (dp, dtheta), from the standard deviations of a coordinate of each.
+Matrix6d isotropic(double sigma_m, double sigma_rad) {
+  Matrix6d covariance = Matrix6d::Zero();
+  covariance.diagonal().head<3>().setConstant(sigma_m * sigma_m);
+  covariance.diagonal().tail<3>().setConstant(sigma_rad * sigma_rad);
+  return covariance;
+}
+
+}  // namespace
+
+void MotionModel::update(const Transform& T_w_c, const Matrix6d& covariance, std::int64_t time_ns) {
+  const auto twist = twistTo(T_w_c, time_ns);
+  velocity_ = twist.value_or(Vector6d::Zero());
+  velocity_interval_s_ = twist ? 1e-9 * static_cast<double>(time_ns - last_->time_ns) : 0.0;
+  velocity_covariance_ = Matrix6d::Zero();
+  if (twist) {
+    velocity_covariance_ =
+        (covariance + last_->covariance) / (velocity_interval_s_ * velocity_interval_s_);
+  }
+  last_ = Stamped{T_w_c, covariance, time_ns};
 }
 
 std::optional<Vector6d> MotionModel::twistTo(const Transform& T_w_c, std::int64_t time_ns) const {
@@ -21,13 +39,32 @@ void MotionModel::correct(const Transform& T_w_c) {
   if (last_) last_->T_w_c = T_w_c;
 }
 
-std::optional<Transform> MotionModel::predict(std::int64_t time_ns) const {
+std::optional<Prediction> MotionModel::predict(std::int64_t time_ns) const {
   if (!last_) return std::nullopt;
   const double dt = 1e-9 * static_cast<double>(time_ns - last_->time_ns);
   if (dt < 0.0 || dt > options_.max_age_s) return std::nullopt;
-  if (dt > options_.max_extrapolation_s) return last_->T_w_c;
-  const Transform step{expSo3(velocity_.tail<3>() * dt), velocity_.head<3>() * dt};
-  return last_->T_w_c * step;
+  Prediction prediction;
+  prediction.T_w_last = prediction.T_w_c = last_->T_w_c;
+  const bool extrapolates = dt <= options_.max_extrapolation_s;
+  if (extrapolates) {
+    const Transform step{expSo3(velocity_.tail<3>() * dt), velocity_.head<3>() * dt};
+    prediction.T_w_c = last_->T_w_c * step;
+  }
+  prediction.twist = twistTo(prediction.T_w_c, time_ns).value_or(Vector6d::Zero());
+  if (extrapolates && velocity_interval_s_ > 0.0) {
+    // The last pose's error moves the prediction and turns the velocity the same way: with gain
+    // 1 + dt / interval, that of the pose before with dt / interval.
+    const double gain = dt / velocity_interval_s_;
+    const double lever_s2 = 0.5 * dt * (dt + velocity_interval_s_);
+    prediction.covariance = (1.0 + 2.0 * gain) * last_->covariance +
+                            dt * dt * velocity_covariance_ +
+                            isotropic(options_.acceleration_sigma * lever_s2,
+                                      options_.angular_acceleration_sigma * lever_s2);
+  } else {
+    prediction.covariance = last_->covariance + isotropic(options_.velocity_sigma * dt,
+                                                          options_.angular_velocity_sigma * dt);
+  }
+  return prediction;
 }
 
 }  // namespace waymark::slam

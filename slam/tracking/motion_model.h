@@ -6,6 +6,7 @@
 #include <optional>
 
 #include "slam/geometry/transform.h"
+#include "slam/tracking/prediction.h"
 
 namespace waymark::slam {
 
@@ -14,13 +15,21 @@ struct MotionModelOptions {
   double max_extrapolation_s = 0.2;
   // Beyond this gap the last pose itself is no prior any more, seconds.
   double max_age_s = 1.0;
+  // What the velocity does not know, for the prediction's covariance: standard deviations of a
+  // hand-held camera's accelerations, m/s^2 and rad/s^2 ...
+  double acceleration_sigma = 5.0;
+  double angular_acceleration_sigma = 20.0;
+  // ... and of its velocities, where the last pose alone is what is known, m/s and rad/s.
+  double velocity_sigma = 1.0;
+  double angular_velocity_sigma = 2.0;
 };
 
 class MotionModel {
  public:
   explicit MotionModel(const MotionModelOptions& options = {}) : options_(options) {}
 
-  void update(const Transform& T_w_c, std::int64_t time_ns);
+  // covariance: of (dp, dtheta), as PoseEstimate's.
+  void update(const Transform& T_w_c, const Matrix6d& covariance, std::int64_t time_ns);
   // The map moved under the camera: same instant, new coordinates. The velocity is kept.
   void correct(const Transform& T_w_c);
 
@@ -32,18 +41,22 @@ class MotionModel {
   [[nodiscard]] std::optional<Transform> lastPose() const {
     return last_ ? std::optional(last_->T_w_c) : std::nullopt;
   }
-  // Empty without a recent pose.
-  [[nodiscard]] std::optional<Transform> predict(std::int64_t time_ns) const;
+  // Empty without a recent pose. Its covariance takes the errors of the last two poses as
+  // independent: too large rather than too small where they share the map's.
+  [[nodiscard]] std::optional<Prediction> predict(std::int64_t time_ns) const;
 
  private:
   struct Stamped {
     Transform T_w_c;
+    Matrix6d covariance;
     std::int64_t time_ns;
   };
   MotionModelOptions options_;
   std::optional<Stamped> last_;
   // Motion per second in the camera frame: translation, then rotation vector.
   Vector6d velocity_ = Vector6d::Zero();
+  Matrix6d velocity_covariance_ = Matrix6d::Zero();  // in the world frame, of the poses' errors
+  double velocity_interval_s_ = 0.0;                 // that it was measured over; 0 for none
 };
 
 }  // namespace waymark::slam

@@ -27,10 +27,10 @@ Tracker::Tracker(double focal_px, const TrackerOptions& options)
       motion_(options.motion) {}
 
 std::optional<TrackedPose> Tracker::track(std::span<const KnownMarker> markers,
-                                          std::int64_t time_ns) const {
+                                          const std::optional<Prediction>& prediction) const {
   TrackedPose tracked;
-  if (const auto predicted = motion_.predict(time_ns)) {
-    if (auto solution = fromPrediction(markers, *predicted)) {
+  if (prediction) {
+    if (auto solution = fromPrediction(markers, prediction->T_w_c)) {
       tracked.solution = std::move(*solution);
       return tracked;
     }

@@ -6,11 +6,11 @@
 #include <optional>
 #include <span>
 
+#include "slam/camera_pose/known_marker.h"
+#include "slam/camera_pose/pose_optimizer.h"
 #include "slam/pose_estimate.h"
 #include "slam/relocalization/relocalizer.h"
-#include "slam/tracking/known_marker.h"
 #include "slam/tracking/motion_model.h"
-#include "slam/tracking/pose_optimizer.h"
 
 namespace waymark::slam {
 
@@ -33,15 +33,18 @@ class Tracker {
  public:
   Tracker(double focal_px, const TrackerOptions& options);
 
-  // The pose of the frame; empty when the markers do not give one. Changes nothing: commit() does.
+  // The pose of the frame; empty when the markers do not give one. `prediction`: empty where
+  // nothing is expected. Changes nothing: commit() does.
   [[nodiscard]] std::optional<TrackedPose> track(std::span<const KnownMarker> markers,
-                                                 std::int64_t time_ns) const;
+                                                 const std::optional<Prediction>& prediction) const;
   // The pose was accepted: the next prediction starts from it.
-  void commit(const Transform& T_w_c, std::int64_t time_ns) { motion_.update(T_w_c, time_ns); }
+  void commit(const Transform& T_w_c, const Matrix6d& covariance, std::int64_t time_ns) {
+    motion_.update(T_w_c, covariance, time_ns);
+  }
   // The map moved under the camera: same instant, new coordinates.
   void correct(const Transform& T_w_c) { motion_.correct(T_w_c); }
 
-  [[nodiscard]] std::optional<Transform> predict(std::int64_t time_ns) const {
+  [[nodiscard]] std::optional<Prediction> predict(std::int64_t time_ns) const {
     return motion_.predict(time_ns);
   }
   // Of the last frame that had one.

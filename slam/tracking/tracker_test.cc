@@ -32,7 +32,8 @@ class TrackerTest : public ::testing::Test {
 
   // Tracking has gone well up to this frame.
   void trackUpTo(int frame) {
-    for (int i = 0; i < frame; ++i) tracker_.commit(poseAt(i), i * kFramePeriodNs);
+    for (int i = 0; i < frame; ++i)
+      tracker_.commit(poseAt(i), Matrix6d::Zero(), i * kFramePeriodNs);
   }
 
   void expectPose(const std::optional<TrackedPose>& tracked, int frame, double worst_m) {
@@ -55,26 +56,27 @@ class TrackerTest : public ::testing::Test {
 
 TEST_F(TrackerTest, FollowsThePrediction) {
   trackUpTo(5);
-  const auto tracked = tracker_.track(known(5, {0, 1, 2}), 5 * kFramePeriodNs);
+  const auto tracked = tracker_.track(known(5, {0, 1, 2}), tracker_.predict(5 * kFramePeriodNs));
   expectPose(tracked, 5, 0.001);
   EXPECT_EQ(tracked->method, TrackingMethod::kPredicted);
   EXPECT_FALSE(tracked->prediction_rejected);
 }
 
 TEST_F(TrackerTest, RelocalizesWithoutAPrediction) {
-  const auto first = tracker_.track(known(5, {0, 1, 2}), 0);
+  const auto first = tracker_.track(known(5, {0, 1, 2}), tracker_.predict(0));
   expectPose(first, 5, 0.001);
   EXPECT_EQ(first->method, TrackingMethod::kRelocalized);
   EXPECT_FALSE(first->prediction_rejected);
   trackUpTo(5);
-  const auto later = tracker_.track(known(5, {0, 1, 2}), 2'000'000'000);
+  const auto later = tracker_.track(known(5, {0, 1, 2}), tracker_.predict(2'000'000'000));
   expectPose(later, 5, 0.001);
   EXPECT_EQ(later->method, TrackingMethod::kRelocalized) << "the last pose is too old";
 }
 
 TEST_F(TrackerTest, RelocalizesWhenThePredictionIsWrong) {
-  tracker_.commit(testing::lookAt({0.0, 1.5, 0.0}, {0.0, -3.0, 0.0}), 0);  // looks away
-  const auto tracked = tracker_.track(known(1, {0, 1, 2}), kFramePeriodNs);
+  tracker_.commit(testing::lookAt({0.0, 1.5, 0.0}, {0.0, -3.0, 0.0}), Matrix6d::Zero(),
+                  0);  // looks away
+  const auto tracked = tracker_.track(known(1, {0, 1, 2}), tracker_.predict(kFramePeriodNs));
   expectPose(tracked, 1, 0.001);
   EXPECT_EQ(tracked->method, TrackingMethod::kRelocalized);
   EXPECT_TRUE(tracked->prediction_rejected);
@@ -84,8 +86,8 @@ TEST_F(TrackerTest, RelocalizesWhenThePredictionIsWrong) {
 TEST_F(TrackerTest, TrackChangesNothing) {
   trackUpTo(5);
   const auto markers = known(5, {0, 1, 2});
-  const auto once = tracker_.track(markers, 5 * kFramePeriodNs);
-  const auto again = tracker_.track(markers, 5 * kFramePeriodNs);
+  const auto once = tracker_.track(markers, tracker_.predict(5 * kFramePeriodNs));
+  const auto again = tracker_.track(markers, tracker_.predict(5 * kFramePeriodNs));
   ASSERT_TRUE(once && again);
   EXPECT_EQ(once->solution.T_w_c.p, again->solution.T_w_c.p);
 }
@@ -97,8 +99,8 @@ TEST_F(TrackerTest, OfTwoThatContradictTheOneThatGoesOnIsBelieved) {
     in_map_ = markers_;
     in_map_[moved].T_w_m.p += Eigen::Vector3d(0.1, 0.1, 0.15);
     Tracker tracker(camera_.focalLength(), TrackerOptions{});
-    for (int i = 0; i < 5; ++i) tracker.commit(poseAt(i), i * kFramePeriodNs);
-    const auto tracked = tracker.track(known(5, {0, 1}), 5 * kFramePeriodNs);
+    for (int i = 0; i < 5; ++i) tracker.commit(poseAt(i), Matrix6d::Zero(), i * kFramePeriodNs);
+    const auto tracked = tracker.track(known(5, {0, 1}), tracker.predict(5 * kFramePeriodNs));
     expectPose(tracked, 5, 0.003);
     EXPECT_EQ(tracked->method, TrackingMethod::kPredicted);
     EXPECT_EQ(tracked->solution.inliers, 1);
@@ -110,16 +112,17 @@ TEST_F(TrackerTest, OfTwoThatContradictTheOneThatGoesOnIsBelieved) {
 // Nobody knows which one to believe: neither goes on, or there is nothing to go on from.
 TEST_F(TrackerTest, TwoThatContradictGiveNoPoseOtherwise) {
   in_map_[0].T_w_m.p += Eigen::Vector3d(0.1, 0.1, 0.15);
-  EXPECT_FALSE(tracker_.track(known(5, {0, 1}), 0)) << "no prediction";
+  EXPECT_FALSE(tracker_.track(known(5, {0, 1}), tracker_.predict(0))) << "no prediction";
   in_map_[1].T_w_m.p += Eigen::Vector3d(-0.15, 0.1, 0.1);
   trackUpTo(5);
-  EXPECT_FALSE(tracker_.track(known(5, {0, 1}), 5 * kFramePeriodNs)) << "both moved";
+  EXPECT_FALSE(tracker_.track(known(5, {0, 1}), tracker_.predict(5 * kFramePeriodNs)))
+      << "both moved";
 }
 
 TEST_F(TrackerTest, OfThreeTheMajorityIsBelieved) {
   in_map_[0].T_w_m.p += Eigen::Vector3d(0.1, 0.1, 0.15);
   trackUpTo(5);
-  const auto tracked = tracker_.track(known(5, {0, 1, 2}), 5 * kFramePeriodNs);
+  const auto tracked = tracker_.track(known(5, {0, 1, 2}), tracker_.predict(5 * kFramePeriodNs));
   expectPose(tracked, 5, 0.002);
   EXPECT_FALSE(tracked->solution.inlier[0]);
   EXPECT_TRUE(tracked->solution.inlier[1]);
@@ -127,9 +130,9 @@ TEST_F(TrackerTest, OfThreeTheMajorityIsBelieved) {
 }
 
 TEST_F(TrackerTest, NoMarkersNoPose) {
-  EXPECT_FALSE(tracker_.track({}, 0));
+  EXPECT_FALSE(tracker_.track({}, tracker_.predict(0)));
   trackUpTo(5);
-  EXPECT_FALSE(tracker_.track({}, 5 * kFramePeriodNs));
+  EXPECT_FALSE(tracker_.track({}, tracker_.predict(5 * kFramePeriodNs)));
 }
 
 // One small frontal marker is a coin toss; beside others in another plane it is not.

@@ -165,7 +165,8 @@ tools::ExitCode run(const Arguments& arguments) {
     const std::vector<slam::MarkerDetection> detections =
         simulator::observeCorners(camera, frame.T_w_c, frame.in_view, sequence, noise);
     const std::int64_t before_ns = threadCpuNs();
-    const slam::FrameResult result = slam.processDetections(detections, {sequence, time_ns});
+    const slam::FrameResult result =
+        slam.process({.time = {sequence, time_ns}, .detections = detections});
     stretch.cpu_ms.push_back(1e-6 * static_cast<double>(threadCpuNs() - before_ns));
     if (result.pose) {
       stretch.truth.push_back(frame.T_w_c.p);

@@ -25,7 +25,7 @@ void run(const io::RecordedDetections& recorded) {
   slam::Slam slam(camera(), dictionary, options);
   std::uint64_t sequence = 0;
   for (const io::RecordedFrame& frame : recorded.frames) {
-    (void)slam.processDetections(frame.detections, {sequence++, frame.time_ns});
+    (void)slam.process({.time = {sequence++, frame.time_ns}, .detections = frame.detections});
   }
   slam.finish();
 }

@@ -57,7 +57,7 @@ std::string goneOnWith(const io::MapFile& file, bool mapping) {
                   file.map);
   slam::FrameTime time;
   for (const auto& view : lastViews(file.map)) {
-    (void)slam.processDetections(view, time);
+    (void)slam.process({.time = time, .detections = view});
     ++time.sequence;
     time.monotonic_ns += 33'333'333;
   }

@@ -1,4 +1,4 @@
-#include "slam/tracking/pose_optimizer.h"
+#include "slam/camera_pose/pose_optimizer.h"
 
 #include <limits>
 #include <random>

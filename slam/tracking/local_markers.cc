@@ -1,10 +1,10 @@
-#include "slam/loop_closure/loop_detector.h"
+#include "slam/tracking/local_markers.h"
 
 #include <algorithm>
 
 namespace waymark::slam {
 
-void LoopDetector::split(std::span<const KnownMarker> known, SplitMarkers* markers) const {
+void LocalMarkers::split(std::span<const KnownMarker> known, SplitMarkers* markers) const {
   markers->eligible.clear();
   markers->loop.clear();
   for (const KnownMarker& marker : known) {
@@ -15,7 +15,7 @@ void LoopDetector::split(std::span<const KnownMarker> known, SplitMarkers* marke
   }
 }
 
-void LoopDetector::follow(const Map& map, std::span<const MarkerDetection> fitting,
+void LocalMarkers::update(const Map& map, std::span<const MarkerDetection> fitting,
                           const Transform& T_w_c, double depth_m, const KeyframeOptions& options) {
   if (map.keyframes().empty()) return;
   const auto reference = referenceKeyframe(map, fitting, T_w_c, depth_m, options);

@@ -1,14 +1,14 @@
-// Which of the markers in view may be tracked, and which of them close a loop (seed 1, sections 4.2
-// and 4.9.1).
+// The neighbourhood of the reference keyframe: which of the markers in view may be tracked, and
+// which of them close a loop (seed 1, sections 4.2 and 4.9.1).
 #pragma once
 
 #include <optional>
 #include <span>
 #include <vector>
 
+#include "slam/camera_pose/known_marker.h"
 #include "slam/keyframes/keyframe_policy.h"
 #include "slam/map/map.h"
-#include "slam/tracking/known_marker.h"
 
 namespace waymark::slam {
 
@@ -18,20 +18,20 @@ struct SplitMarkers {
   std::vector<KnownMarker> loop;      // L(t), Eq. 35
 };
 
-class LoopDetector {
+class LocalMarkers {
  public:
   // Without a reference keyframe (just relocalized, or nothing known in view) all are eligible.
   void split(std::span<const KnownMarker> known, SplitMarkers* markers) const;
 
-  // The reference keyframe f^omega for the next frame, from this one's pose and the detections that
-  // fit it (Eq. 21).
-  void follow(const Map& map, std::span<const MarkerDetection> fitting, const Transform& T_w_c,
+  // Chooses the reference keyframe f^omega for the next frame, from this one's pose and the
+  // detections that fit it (Eq. 21).
+  void update(const Map& map, std::span<const MarkerDetection> fitting, const Transform& T_w_c,
               double depth_m, const KeyframeOptions& options);
   // The map changed otherwise, or tracking was lost.
-  void forget() { reference_.reset(); }
+  void reset() { reference_.reset(); }
   [[nodiscard]] std::optional<KeyframeId> reference() const { return reference_; }
   // G_m of the reference (Eq. 31), sorted; empty without one.
-  [[nodiscard]] std::span<const int> localMarkers() const {
+  [[nodiscard]] std::span<const int> ids() const {
     return reference_ ? std::span<const int>(local_markers_) : std::span<const int>{};
   }
 

@@ -1,4 +1,4 @@
-#include "slam/tracking/known_marker.h"
+#include "slam/camera_pose/known_marker.h"
 
 #include <memory_resource>
 #include <utility>

@@ -4,9 +4,9 @@
 #include <optional>
 #include <span>
 
+#include "slam/camera_pose/known_marker.h"
+#include "slam/camera_pose/marker_flags.h"
 #include "slam/geometry/transform.h"
-#include "slam/tracking/known_marker.h"
-#include "slam/tracking/marker_flags.h"
 
 namespace waymark::slam {
 

@@ -1,0 +1,71 @@
+#include "slam/mapping/map_updater.h"
+
+#include <algorithm>
+#include <optional>
+
+namespace waymark::slam {
+
+MapGrowth MapUpdater::grow(const TrackedFrame& frame, std::span<const MarkerDetection> fitting,
+                           Map* map) {
+  MapGrowth growth;
+  fitting_.assign(fitting.begin(), fitting.end());
+  const LoopJunction junction = loops_.closeOrJoin(*map, residualSigma(), frame, fitting_);
+  if (junction.joins) {
+    fitting_.insert(fitting_.end(), junction.joined.begin(), junction.joined.end());
+    sortById(&fitting_);
+  }
+  growth.map_changed = screenMarkers(frame, map);
+  const Transform& T_w_c = frame.solution.T_w_c;
+  if (!fitting_.empty() && (junction.joins || mapper_.wants(fitting_, T_w_c, *map))) {
+    mapper_.insert(keyframeOf(frame, fitting_), map, counters_);
+    growth.map_changed = growth.keyframe_added = true;
+    for (const MarkerDetection& detection : fitting_) {
+      screening_->checkReturned(detection.id, map, counters_);
+    }
+  }
+  growth.fitting = fitting_;
+  return growth;
+}
+
+// What the screening has noticed goes into the map, and out of the frame. True when the map
+// changed.
+bool MapUpdater::screenMarkers(const TrackedFrame& frame, Map* map) {
+  bool changed = screening_->banDuplicates(map, counters_);
+  if (loops_.confirmMoved(*map, frame, fitting_)) {
+    changed = screening_->quarantineMoved(map, counters_) || changed;
+  }
+  if (!changed) return false;
+  std::erase_if(fitting_, [&](const MarkerDetection& d) {
+    const MapMarker* marker = map->find(d.id);
+    return marker != nullptr && marker->state == MarkerState::kBanned;
+  });
+  return true;
+}
+
+// At least half of the budget is for what is larger than the neighbourhood of a keyframe, where
+// there is such a thing.
+void MapUpdater::work(double budget, const Map& map) {
+  const bool local_only = loops_.idle() && rolling_shutter_->idle(map);
+  const double for_local = local_only ? budget : 0.5 * budget;
+  const double unspent = std::max(mapper_.work(for_local, map), 0.0);
+  const double rest = budget - for_local + unspent;
+  if (loops_.idle()) {
+    rolling_shutter_->work(rest, camera_, map, options_.loops.optimization);
+  } else {
+    loops_.work(rest);
+  }
+}
+
+FinishedWork MapUpdater::collect(Map* map) {
+  FinishedWork finished;
+  const auto add = [&](const std::optional<Transform>& T_new_old) {
+    if (T_new_old) finished.T_new_old.push_back(*T_new_old);
+    return T_new_old.has_value();
+  };
+  add(mapper_.collect(map, counters_));
+  add(rolling_shutter_->collect(camera_, options_.loops.optimization, map));
+  finished.loop_closed = add(loops_.collect(map));
+  return finished;
+}
+
+}  // namespace waymark::slam

@@ -1,0 +1,88 @@
+// What a tracked frame does to the map (seed 1, sections 4.2 and 4.4 to 4.9): loops, keyframes,
+// untrustworthy markers; and what goes on over many frames, in slices: local optimization, loop
+// closure, the rolling shutter's readout time.
+#pragma once
+
+#include <span>
+#include <vector>
+
+#include "slam/counters.h"
+#include "slam/loop_closure/loop_closure_manager.h"
+#include "slam/map/map.h"
+#include "slam/mapping/mapper.h"
+#include "slam/mapping/rolling_shutter_estimator.h"
+#include "slam/marker_screening/marker_screening.h"
+#include "slam/options.h"
+#include "slam/tracking/frame_tracker.h"
+
+namespace waymark::slam {
+
+// What a frame has changed in the map.
+struct MapGrowth {
+  bool map_changed = false;
+  bool keyframe_added = false;
+  // The detections that fit, with those of a loop's other end, without those banned or quarantined.
+  // Valid until the next frame.
+  std::span<const MarkerDetection> fitting;
+};
+
+// What finished work has changed in the map.
+struct FinishedWork {
+  // How the map moved under the camera, one correction after the other; empty: not at all.
+  std::vector<Transform> T_new_old;
+  bool loop_closed = false;
+};
+
+// All that it is given must outlive it.
+class MapUpdater {
+ public:
+  MapUpdater(const Options& options, const CameraModel& camera, const PoseOptimizer& optimizer,
+             const LocalMarkers& local, MarkerScreening* screening,
+             RollingShutterEstimator* rolling_shutter, Counters* counters)
+      : options_(options),
+        camera_(camera),
+        screening_(screening),
+        rolling_shutter_(rolling_shutter),
+        counters_(counters),
+        mapper_(options.markers, camera.focalLength(), options.mapper),
+        loops_(options.markers, options.loops, options.tracking.relocalization, camera, optimizer,
+               local, screening, counters) {}
+
+  // The first keyframes and markers of an empty map. Returns where the last of them is.
+  Transform begin(const Start& start, Map* map) { return mapper_.begin(start, map, counters_); }
+  [[nodiscard]] MapGrowth grow(const TrackedFrame& frame, std::span<const MarkerDetection> fitting,
+                               Map* map);
+  // Tracking was lost: a closure under way is of no use any more.
+  void cancelLoopClosure() { loops_.cancel(); }
+
+  // A slice of what is under way, of a cost of at most `budget`.
+  void work(double budget, const Map& map);
+  [[nodiscard]] bool hasFinishedWork() const {
+    return mapper_.isDone() || rolling_shutter_->isDone() || loops_.isDone();
+  }
+  // Puts into the map what is done.
+  [[nodiscard]] FinishedWork collect(Map* map);
+  // Nothing is under way, due, or waits to be collected.
+  [[nodiscard]] bool idle(const Map& map) const {
+    return mapper_.idle() && rolling_shutter_->idle(map) && loops_.idle();
+  }
+
+  // Standard deviation of the map's whitened residuals as of late, at least 1.
+  [[nodiscard]] double residualSigma() const { return mapper_.residualSigma(); }
+  // Section 4.5 for all markers without a pose.
+  void resolveAll(Map* map) { mapper_.resolveAll(map); }
+
+ private:
+  [[nodiscard]] bool screenMarkers(const TrackedFrame& frame, Map* map);
+
+  const Options& options_;
+  const CameraModel& camera_;
+  MarkerScreening* screening_;
+  RollingShutterEstimator* rolling_shutter_;
+  Counters* counters_;
+  Mapper mapper_;
+  LoopClosureManager loops_;
+  std::vector<MarkerDetection> fitting_;  // reused from frame to frame
+};
+
+}  // namespace waymark::slam

@@ -1,0 +1,94 @@
+#include "slam/tracking/frame_tracker.h"
+
+#include <utility>
+
+namespace waymark::slam {
+
+FrameMarkers FrameTracker::split(const Map& map, std::span<const MarkerDetection> usable,
+                                 const FrameTime& time, const std::optional<Prediction>& prediction,
+                                 const LocalMarkers& local) {
+  detections_.assign(usable.begin(), usable.end());
+  if (prediction) {
+    rolling_shutter_.deskew(camera_, map, prediction->T_w_c, prediction->twist, &detections_);
+  }
+  findKnownMarkers(map, detections_, &known_);
+  local.split(known_, &split_);
+  if (split_.eligible.empty()) std::swap(split_.eligible, split_.loop);
+  return {time, detections_, known_, split_.eligible, split_.loop};
+}
+
+TrackingOutcome FrameTracker::track(const Map& map, const FrameMarkers& markers,
+                                    const std::optional<Prediction>& prediction) {
+  TrackingOutcome outcome;
+  if (markers.eligible.empty()) {
+    outcome.reason =
+        markers.detections.empty() ? NoPoseReason::kNoMarker : NoPoseReason::kNoKnownMarker;
+    outcome.lost_place = true;
+    return outcome;
+  }
+  std::span<const KnownMarker> eligible = markers.eligible;
+  std::span<const KnownMarker> loop = markers.loop;
+  auto tracked = tracker_.track(eligible, prediction);
+  if (!tracked && !loop.empty()) {
+    // Lost for what is near; but the map knows other markers in view.
+    outcome.lost_place = true;
+    eligible = markers.known;
+    loop = {};
+    tracked = tracker_.track(eligible, prediction);
+  }
+  if (!tracked) {
+    outcome.rejected_poses = 1;
+    outcome.reason =
+        eligible.size() == 1 ? NoPoseReason::kAmbiguousMarker : NoPoseReason::kMarkersDoNotFit;
+    outcome.lost_place = true;
+    return outcome;
+  }
+  outcome.rejected_poses = tracked->prediction_rejected ? 1 : 0;
+  const std::int64_t now_ns = markers.time.monotonic_ns;
+  TrackedFrame& frame = outcome.frame.emplace();
+  frame.time = markers.time;
+  frame.method = tracked->method;
+  frame.eligible = eligible;
+  frame.loop = loop;
+  frame.solution = std::move(tracked->solution);
+  frame.twist = tracker_.twistTo(frame.solution.T_w_c, now_ns);
+  deskewAgain(map, &frame);
+  return outcome;
+}
+
+// With the velocity this frame has shown, instead of the predicted one.
+void FrameTracker::deskewAgain(const Map& map, TrackedFrame* frame) {
+  if (rolling_shutter_.seconds() == 0.0) return;
+  rolling_shutter_.deskew(camera_, map, frame->solution.T_w_c, frame->twist, &detections_);
+  auto better = tracker_.optimizer().optimize(frame->eligible, frame->solution.T_w_c);
+  if (!better || !tracker_.optimizer().acceptable(*better)) return;
+  frame->solution = std::move(*better);
+  frame->twist = tracker_.twistTo(frame->solution.T_w_c, frame->time.monotonic_ns);
+}
+
+FittedMarkers FrameTracker::fit(const Map& map, const FrameMarkers& markers,
+                                const TrackedFrame& frame, double residual_sigma) {
+  fitting_.clear();
+  verdicts_.clear();
+  int rejected = 0;
+  for (const MarkerDetection& detection : markers.detections) {
+    if (map.findPosed(detection.id) == nullptr) fitting_.push_back(detection);
+  }
+  const bool others_agree = frame.solution.inliers >= 2;
+  for (std::size_t i = 0; i < frame.eligible.size(); ++i) {
+    const KnownMarker& known = frame.eligible[i];
+    if (frame.solution.inlier[i]) {
+      fitting_.push_back(*known.detection);
+    } else {
+      ++rejected;
+    }
+    // A frame may be stricter than the map is sure of itself.
+    const bool agrees = frame.solution.inlier[i] ||
+                        tracker_.optimizer().explains(known, frame.solution.T_w_c, residual_sigma);
+    if (agrees || others_agree) verdicts_.push_back({known.detection->id, agrees});
+  }
+  sortById(&fitting_);
+  return {fitting_, verdicts_, rejected};
+}
+
+}  // namespace waymark::slam
