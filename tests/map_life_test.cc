@@ -243,9 +243,9 @@ TEST_F(MapLife, OtherProgramsMaps) {
       EXPECT_LT((marker.T_w_m->p - map.find(id)->T_w_m->p).norm(), 1e-9);
       EXPECT_LT((marker.T_w_m->R - map.find(id)->T_w_m->R).norm(), 1e-9);
     }
-    const ProgramResult localized =
+    const ProgramResult in_left =
         run("left", "in_" + format, {"--map-in", path(format + ".json"), "--localize-only"});
-    EXPECT_EQ(localized.exit_code, 0) << localized.err;
+    EXPECT_EQ(in_left.exit_code, 0) << in_left.err;
     EXPECT_EQ(localized(path("in_" + format)), 60);
     const ProgramResult grown = run("right", "on_" + format, {"--map-in", path(format + ".json")});
     EXPECT_EQ(grown.exit_code, 0) << grown.err;
