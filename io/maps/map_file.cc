@@ -15,6 +15,7 @@
 #include "io/text/number_text.h"
 #include "io/text/plausible.h"
 #include "io/text/text_file.h"
+#include "slam/camera/undistort_map.h"
 #include "slam/detection/codes/dictionary.h"
 
 namespace waymark::io {
@@ -241,7 +242,7 @@ class MapReader {
       if (!root_.good()) return file;
     }
     // The corners of a rolling shutter follow from the poses, too.
-    if (file.readout_s != 0.0) file.map.undistortAgain(camera, file.readout_s);
+    if (file.readout_s != 0.0) slam::undistortAgain(camera, file.readout_s, &file.map);
     return file;
   }
 

@@ -7,6 +7,7 @@
 #include <nlohmann/json.hpp>
 
 #include "io/text/text_file.h"
+#include "slam/camera/undistort_map.h"
 #include "slam/testing/synthetic.h"
 #include "tests/temporary_directory.h"
 
@@ -170,7 +171,7 @@ TEST(MapFile, SavingWhatWasLoadedGivesTheSameBytes) {
 TEST(MapFile, RollingShutter) {
   slam::Map map = sampleMap();
   map.marker(7).T_w_m->p = map.keyframes().at(4).T_w_c * Eigen::Vector3d(0.0, 0.0, 2.0);
-  map.undistortAgain(slam::CameraModel(kCamera), 0.02);
+  slam::undistortAgain(slam::CameraModel(kCamera), 0.02, &map);
   const std::string text = formatMap(map, kCamera, 0.02);
   const Result<MapFile> file = parseMap(text, "m.json");
   ASSERT_TRUE(file) << file.error().message;

@@ -4,7 +4,6 @@
 #include <utility>
 
 #include "base/sorted.h"
-#include "slam/rolling_shutter/rolling_shutter.h"
 
 namespace waymark::slam {
 
@@ -15,9 +14,7 @@ std::array<Eigen::Vector3d, 4> MapMarker::cornersInWorld() const {
 }
 
 const MarkerDetection* Keyframe::find(int marker_id) const {
-  const auto found =
-      std::lower_bound(detections.begin(), detections.end(), marker_id,
-                       [](const MarkerDetection& d, int wanted) { return d.id < wanted; });
+  const auto found = std::ranges::lower_bound(detections, marker_id, {}, &MarkerDetection::id);
   return found != detections.end() && found->id == marker_id ? &*found : nullptr;
 }
 
@@ -102,6 +99,11 @@ void Map::addView(KeyframeId id, const MarkerDetection& detection) {
   views.insert(std::upper_bound(views.begin(), views.end(), id), id);
 }
 
+void Map::replaceView(KeyframeId id, const MarkerDetection& detection) {
+  std::vector<MarkerDetection>& detections = keyframes_.at(id).detections;
+  *std::ranges::lower_bound(detections, detection.id, {}, &MarkerDetection::id) = detection;
+}
+
 void Map::removeViews(int marker_id, std::span<const KeyframeId> keyframes) {
   const std::vector<KeyframeId> gone(keyframes.begin(), keyframes.end());  // may be viewsOf()
   for (const KeyframeId id : gone) {
@@ -122,22 +124,6 @@ void Map::moveWorld(const Transform& T_v_w) {
     for (Transform& former : marker.former_poses) former = T_v_w * former;
   }
   for (auto& [id, keyframe] : keyframes_) keyframe.T_w_c = T_v_w * keyframe.T_w_c;
-}
-
-void Map::undistortAgain(const CameraModel& camera, double readout_s) {
-  beginEpoch();
-  for (auto& [id, keyframe] : keyframes_) {
-    std::vector<int> unseen;
-    for (MarkerDetection& detection : keyframe.detections) {
-      const MapMarker& marker = markers_.at(detection.id);
-      const auto again = deskewed(detection, camera, keyframe.T_w_c, keyframe.twist, marker.T_w_m,
-                                  marker.size_m, readout_s);
-      if (again) detection = *again;
-      if (!again) unseen.push_back(detection.id);
-    }
-    const KeyframeId only[] = {id};
-    for (const int marker_id : unseen) removeViews(marker_id, only);
-  }
 }
 
 }  // namespace waymark::slam

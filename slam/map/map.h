@@ -10,7 +10,6 @@
 #include <vector>
 
 #include "slam/detection/marker_detection.h"
-#include "slam/geometry/camera_model.h"
 #include "slam/geometry/transform.h"
 
 namespace waymark::slam {
@@ -89,6 +88,8 @@ class Map {
   // One more detection of a keyframe. Preconditions: the keyframe exists and does not see the
   // marker yet; the marker is known.
   void addView(KeyframeId id, const MarkerDetection& detection);
+  // Another detection in place of what the keyframe has seen of the marker. Precondition: it has.
+  void replaceView(KeyframeId id, const MarkerDetection& detection);
   // The marker's detections leave these keyframes; a keyframe that sees nothing any more stays.
   void removeViews(int marker_id, std::span<const KeyframeId> keyframes);
   // Moves the whole map into another world: every T_w_x becomes T_v_w * T_w_x.
@@ -97,9 +98,6 @@ class Map {
   // of an earlier epoch is of no use any more.
   [[nodiscard]] std::uint64_t epoch() const { return epoch_; }
   void beginEpoch() { ++epoch_; }
-  // The lens or its shutter turned out to be another one: the detections' normalized corners follow
-  // from their pixels anew. One that the lens cannot have seen leaves its keyframe.
-  void undistortAgain(const CameraModel& camera, double readout_s);
 
  private:
   std::map<int, MapMarker> markers_;

@@ -8,10 +8,10 @@
 #include <span>
 #include <vector>
 
+#include "slam/camera/rolling_shutter_estimator.h"
 #include "slam/geometry/camera_model.h"
 #include "slam/map/map.h"
 #include "slam/map/marker_options.h"
-#include "slam/mapping/rolling_shutter_estimator.h"
 #include "slam/marker_screening/marker_screening.h"
 #include "slam/tracking/known_marker.h"
 #include "slam/tracking/tracker.h"

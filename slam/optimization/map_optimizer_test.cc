@@ -131,28 +131,6 @@ TEST_F(MapOptimizerTest, MarkersLearnHowWellTheyAreKnown) {
   }
 }
 
-TEST_F(MapOptimizerTest, WithIntrinsicsTheLensAndTheCornersFollow) {
-  Map map = trueMap(0.02);
-  Calibration stale = camera_.calibration();
-  stale.fx += 4.0;
-  stale.fy += 4.0;
-  CameraModel lens(stale);
-  map.undistortAgain(lens, 0.0);
-  const double before = costOf(testing::wholeMapFit(map).squared, 2.45);
-  const BundleSummary summary = optimizeGloballyWithIntrinsics(
-      &map, options_, lens.intrinsics(), IntrinsicPriors{}, 0.0, kToTheEnd, &lens);
-  ASSERT_FALSE(summary.failed);
-  EXPECT_LT(std::abs(lens.calibration().fx - camera_.calibration().fx), 1.0);
-  EXPECT_LT(std::abs(lens.calibration().fy - camera_.calibration().fy), 1.0);
-  EXPECT_LT(costOf(testing::wholeMapFit(map).squared, 2.45), 0.5 * before);
-  const MarkerDetection& detection = map.keyframes().at(3).detections.front();
-  EXPECT_LT((lens.project({detection.normalized[0].x(), detection.normalized[0].y(), 1.0}).value() -
-             detection.pixels[0])
-                .norm(),
-            1e-6)
-      << "the corners are undistorted by the new lens";
-}
-
 TEST_F(MapOptimizerTest, FitTellsCostNoiseAndCorners) {
   Map map = trueMap(0.0);
   const MapFit fit = testing::wholeMapFit(map);

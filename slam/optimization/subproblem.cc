@@ -149,6 +149,12 @@ bool apply(const MapCorrection& correction, Map* map) {
   return true;
 }
 
+void removeOutliers(const MapCorrection& correction, Map* map) {
+  for (const auto& [keyframe, marker] : correction.outliers) {
+    map->removeViews(marker, {&keyframe, 1});
+  }
+}
+
 std::optional<Transform> applyAround(KeyframeId keyframe, const MapCorrection& correction,
                                      Map* map) {
   const auto found = map->keyframes().find(keyframe);

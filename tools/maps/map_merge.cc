@@ -7,6 +7,7 @@
 
 #include "io/maps/old_map.h"
 #include "io/text/number_text.h"
+#include "slam/camera/undistort_map.h"
 #include "slam/geometry/align_points.h"
 
 namespace waymark::tools {
@@ -173,7 +174,7 @@ Result<MergeReport> mergeMaps(io::MapFile* a, const io::MapFile& b, const MergeO
   if (!a->camera) a->camera = moved.camera;
   if (a->readout_s == 0.0) a->readout_s = moved.readout_s;  // one camera, one shutter
   if (a->camera && a->readout_s != 0.0) {
-    a->map.undistortAgain(slam::CameraModel(*a->camera), a->readout_s);
+    slam::undistortAgain(slam::CameraModel(*a->camera), a->readout_s, &a->map);
   }
   a->has_checksum = a->has_checksum && b.has_checksum;
   return report;

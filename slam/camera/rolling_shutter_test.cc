@@ -1,9 +1,11 @@
-#include "slam/rolling_shutter/rolling_shutter.h"
+#include "slam/camera/rolling_shutter.h"
 
 #include <random>
 
 #include <gtest/gtest.h>
 
+#include "slam/camera/readout_estimate.h"
+#include "slam/camera/undistort_map.h"
 #include "slam/map/map.h"
 #include "slam/optimization/map_optimizer.h"
 #include "slam/testing/synthetic.h"
@@ -129,7 +131,7 @@ TEST_F(RollingShutterTest, TheReadoutTimeIsFoundWithTheMap) {
   EXPECT_LT(found->sigma_s, 0.001);
   EXPECT_TRUE(believable(found->readout_s, found->sigma_s, 0.0, {}));
   // Corrected with what was found, nothing is left to find.
-  map.undistortAgain(camera_, found->readout_s);
+  undistortAgain(camera_, found->readout_s, &map);
   (void)optimizeGlobally(&map, options_, bundle_);
   const auto again = estimate(map, found->readout_s, kAll);
   ASSERT_TRUE(again);
