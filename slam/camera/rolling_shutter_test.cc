@@ -52,7 +52,10 @@ class RollingShutterTest : public ::testing::Test {
   // A map of the truth, but with corners as the shutter skewed them.
   Map mapSeenRolling(double speed, double sigma_px) {
     Map map;
-    for (const auto& marker : markers_) map.addMarker(marker.id, kSize).T_w_m = marker.T_w_m;
+    for (const auto& marker : markers_) {
+      map.addMarker(marker.id, kSize);
+      map.place(marker.id, marker.T_w_m);
+    }
     std::uniform_real_distribution<double> u(-speed, speed);
     for (int i = 0; i < 14; ++i) {
       Keyframe keyframe;

@@ -6,6 +6,19 @@
 #include "base/sorted.h"
 
 namespace waymark::slam {
+namespace {
+
+void withoutPose(MarkerState state, MapMarker* marker) {
+  marker->state = state;
+  marker->T_w_m.reset();
+  marker->other_T_w_m.reset();
+}
+
+}  // namespace
+
+bool MapMarker::isSound() const {
+  return (state == MarkerState::kMapped) == T_w_m.has_value() && (T_w_m || !other_T_w_m);
+}
 
 std::array<Eigen::Vector3d, 4> MapMarker::cornersInWorld() const {
   std::array<Eigen::Vector3d, 4> corners = markerCorners(size_m);
@@ -61,7 +74,7 @@ std::vector<int> Map::markersSeenFrom(std::span<const KeyframeId> keyframes) con
   return markers;
 }
 
-MapMarker& Map::addMarker(int marker_id, double size_m) {
+const MapMarker& Map::addMarker(int marker_id, double size_m) {
   MapMarker& marker = markers_[marker_id];
   if (marker.id < 0) {
     marker.id = marker_id;
@@ -69,6 +82,29 @@ MapMarker& Map::addMarker(int marker_id, double size_m) {
   }
   return marker;
 }
+
+bool Map::putMarker(const MapMarker& marker) {
+  if (!marker.isSound()) return false;
+  markers_[marker.id] = marker;
+  return true;
+}
+
+void Map::place(int marker_id, const Transform& T_w_m, const std::optional<Transform>& other,
+                const Matrix6d& covariance) {
+  MapMarker& marker = markers_.at(marker_id);
+  marker.state = MarkerState::kMapped;
+  marker.T_w_m = T_w_m;
+  marker.other_T_w_m = other;
+  marker.covariance = covariance;
+}
+
+void Map::quarantine(int marker_id) {
+  MapMarker& marker = markers_.at(marker_id);
+  if (marker.T_w_m) marker.former_poses.push_back(*marker.T_w_m);
+  withoutPose(MarkerState::kQuarantined, &marker);
+}
+
+void Map::ban(int marker_id) { withoutPose(MarkerState::kBanned, &markers_.at(marker_id)); }
 
 KeyframeId Map::addKeyframe(Keyframe keyframe) {
   keyframe.id = std::max(keyframe.id, next_keyframe_);
@@ -78,7 +114,11 @@ KeyframeId Map::addKeyframe(Keyframe keyframe) {
     views_[detection.id].push_back(keyframe.id);
   }
   const KeyframeId id = keyframe.id;
+  const std::vector<KeyframeLink> links = std::exchange(keyframe.links, {});
   keyframes_.emplace_hint(keyframes_.end(), id, std::move(keyframe));
+  for (const KeyframeLink& link : links) {
+    if (link.to != id && keyframes_.contains(link.to)) addLink(id, link);
+  }
   return id;
 }
 
@@ -86,7 +126,24 @@ void Map::removeKeyframe(KeyframeId id) {
   for (const MarkerDetection& detection : keyframes_.at(id).detections) {
     std::erase(views_[detection.id], id);
   }
+  for (const KeyframeLink& link : keyframes_.at(id).links) std::erase(linked_from_[link.to], id);
+  if (const auto linked = linked_from_.extract(id)) {
+    for (const KeyframeId from : linked.mapped()) {
+      std::erase_if(keyframes_.at(from).links, [&](const auto& link) { return link.to == id; });
+    }
+  }
   keyframes_.erase(id);
+}
+
+void Map::addLink(KeyframeId id, const KeyframeLink& link) {
+  std::vector<KeyframeLink>& links = keyframes_.at(id).links;
+  const auto known = std::ranges::lower_bound(links, link.to, {}, &KeyframeLink::to);
+  if (known != links.end() && known->to == link.to) {
+    *known = link;
+    return;
+  }
+  links.insert(known, link);
+  linked_from_[link.to].push_back(id);
 }
 
 void Map::addView(KeyframeId id, const MarkerDetection& detection) {

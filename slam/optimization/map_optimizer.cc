@@ -37,11 +37,11 @@ BundleSummary optimizeGlobally(Map* map, const MarkerOptions& markers,
   return correction.summary;
 }
 
-Matrix6d markerCovariance(const Map& map, int marker_id, double residual_sigma) {
+Matrix6d markerCovariance(const Map& map, int marker_id, const Transform& T_w_m,
+                          double residual_sigma) {
   BundleProblem problem;
-  const MapMarker& marker = *map.findPosed(marker_id);
-  problem.markers = {{*marker.T_w_m, false}};
-  problem.marker_sizes_m = {marker.size_m};
+  problem.markers = {{T_w_m, false}};
+  problem.marker_sizes_m = {map.markers().at(marker_id).size_m};
   for (const KeyframeId id : map.viewsOf(marker_id)) {
     const Keyframe& keyframe = map.keyframes().at(id);
     const int camera = static_cast<int>(problem.cameras.size());

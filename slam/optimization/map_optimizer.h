@@ -20,8 +20,9 @@ BundleSummary optimizeLocally(Map* map, KeyframeId keyframe, const MarkerOptions
 BundleSummary optimizeGlobally(Map* map, const MarkerOptions& markers,
                                const BundleOptions& options);
 
-// Of (dp, dtheta) of a marker's pose, given the keyframes that see it and the noise of their
-// whitened residuals. Zero for one that nobody sees. Precondition: it has a pose.
-[[nodiscard]] Matrix6d markerCovariance(const Map& map, int marker_id, double residual_sigma);
+// Of (dp, dtheta) of a marker at T_w_m, given the keyframes that see it and the noise of their
+// whitened residuals. Zero for one that nobody sees. Precondition: the map knows it.
+[[nodiscard]] Matrix6d markerCovariance(const Map& map, int marker_id, const Transform& T_w_m,
+                                        double residual_sigma);
 
 }  // namespace waymark::slam
