@@ -4,14 +4,14 @@
 
 #include <string>
 
+#include "slam/camera/lens_optimizer.h"
+#include "slam/camera/rolling_shutter.h"
 #include "slam/detection/search/marker_follower.h"
 #include "slam/initialization/initializer.h"
 #include "slam/loop_closure/loop_closer.h"
 #include "slam/map/marker_options.h"
 #include "slam/mapping/mapper.h"
 #include "slam/marker_screening/marker_screening.h"
-#include "slam/optimization/map_optimizer.h"
-#include "slam/rolling_shutter/rolling_shutter.h"
 #include "slam/tracking/tracker.h"
 
 namespace waymark::slam {

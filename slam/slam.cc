@@ -8,7 +8,7 @@
 #include "slam/detection/search/marker_follower.h"
 #include "slam/initialization/initializer.h"
 #include "slam/mapping/map_updater.h"
-#include "slam/mapping/rolling_shutter_estimator.h"
+#include "slam/camera/rolling_shutter_estimator.h"
 #include "slam/marker_screening/marker_screening.h"
 #include "slam/optimization/map_optimizer.h"
 #include "slam/tracking/expected_markers.h"

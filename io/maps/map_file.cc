@@ -9,12 +9,15 @@
 #include <utility>
 #include <vector>
 
+#include <Eigen/Cholesky>
+
 #include "base/decimal_seconds.h"
 #include "io/settings/slam_settings.h"
 #include "io/text/json_node.h"
 #include "io/text/number_text.h"
 #include "io/text/plausible.h"
 #include "io/text/text_file.h"
+#include "slam/camera/undistort_map.h"
 #include "slam/detection/codes/dictionary.h"
 
 namespace waymark::io {
@@ -130,6 +133,14 @@ Json keyframeJson(const slam::Keyframe& keyframe) {
     const slam::Vector6d& v = keyframe.twist;
     json["twist"] = Json::array({v[0], v[1], v[2], v[3], v[4], v[5]});
   }
+  if (!keyframe.links.empty()) {
+    json["links"] = Json::array();
+    for (const slam::KeyframeLink& link : keyframe.links) {
+      json["links"].push_back({{"to", link.to},
+                               {"T_this_to", toJson(link.T_this_to)},
+                               {"covariance", covarianceJson(link.covariance)}});
+    }
+  }
   json["detections"] = std::move(detections);
   return json;
 }
@@ -241,7 +252,7 @@ class MapReader {
       if (!root_.good()) return file;
     }
     // The corners of a rolling shutter follow from the poses, too.
-    if (file.readout_s != 0.0) file.map.undistortAgain(camera, file.readout_s);
+    if (file.readout_s != 0.0) slam::undistortAgain(camera, file.readout_s, &file.map);
     return file;
   }
 
@@ -265,7 +276,9 @@ class MapReader {
       node.at("id").fail("the marker " + std::to_string(id) + " occurs twice");
     }
     if (!node.good()) return;
-    slam::MapMarker& marker = map->addMarker(id, size_m);
+    slam::MapMarker marker;
+    marker.id = id;
+    marker.size_m = size_m;
     marker.state = posed ? MarkerState::kMapped : MarkerState::kUnresolved;
     if (node.has("state")) marker.state = readState(node.at("state"));
     if (posed) marker.T_w_m = node.at("T_w_m").transform();
@@ -276,9 +289,13 @@ class MapReader {
     }
     if (node.has("other_T_w_m")) marker.other_T_w_m = node.at("other_T_w_m").transform();
     if (node.has("covariance")) marker.covariance = readCovariance(node.at("covariance"));
-    if (!node.has("former_poses")) return;
-    for (const JsonNode& pose : node.at("former_poses").elements()) {
-      marker.former_poses.push_back(pose.transform());
+    if (node.has("former_poses")) {
+      for (const JsonNode& pose : node.at("former_poses").elements()) {
+        marker.former_poses.push_back(pose.transform());
+      }
+    }
+    if (node.good() && !map->putMarker(marker)) {
+      node.at("other_T_w_m").fail("must not be there without a first pose");
     }
   }
 
@@ -298,6 +315,7 @@ class MapReader {
       checkWithin(kMaxRate_hz, twist, node.at("twist"));
       std::copy(twist.begin(), twist.end(), keyframe.twist.data());
     }
+    if (node.has("links")) keyframe.links = readLinks(node.at("links"), *map);
     for (const JsonNode& detection : node.at("detections").elements()) {
       keyframe.detections.push_back(readDetection(detection, camera, *map));
       const auto& all = keyframe.detections;
@@ -307,6 +325,28 @@ class MapReader {
       if (!node.good()) return;
     }
     if (node.good()) (void)map->addKeyframe(std::move(keyframe));
+  }
+
+  static std::vector<slam::KeyframeLink> readLinks(const JsonNode& node, const slam::Map& map) {
+    std::vector<slam::KeyframeLink> links;
+    for (const JsonNode& element : node.elements()) {
+      slam::KeyframeLink link;
+      link.to = element.at("to").integer(0, kLargestIndex);
+      if (node.good() && !map.keyframes().contains(link.to)) {
+        element.at("to").fail("there is no keyframe " + std::to_string(link.to) + " before");
+      }
+      if (node.good() && !links.empty() && link.to <= links.back().to) {
+        element.at("to").fail("must be larger than the one before; two have one link");
+      }
+      link.T_this_to = element.at("T_this_to").transform();
+      link.covariance = readCovariance(element.at("covariance"));
+      if (!node.good()) break;
+      if (link.covariance.llt().info() != Eigen::Success) {
+        element.at("covariance").fail("must be positive definite");
+      }
+      links.push_back(link);
+    }
+    return links;
   }
 
   slam::MarkerDetection readDetection(const JsonNode& node, const slam::CameraModel& camera,

@@ -7,6 +7,7 @@
 #include <nlohmann/json.hpp>
 
 #include "io/text/text_file.h"
+#include "slam/camera/undistort_map.h"
 #include "slam/testing/synthetic.h"
 #include "tests/temporary_directory.h"
 
@@ -23,21 +24,20 @@ slam::Map sampleMap() {
   map.dictionary = "APRILTAG_36h11";
   slam::Vector6d delta;
   delta << 0.1, 0.2, 0.3, 0.4, -0.5, 0.6;
-  slam::MapMarker& mapped = map.addMarker(7, 0.165);
-  mapped.state = slam::MarkerState::kMapped;
-  mapped.T_w_m = slam::Transform{}.retract(delta);
-  mapped.other_T_w_m = slam::Transform{}.retract(2.0 * delta);
-  mapped.covariance.setConstant(1e-8 / 3.0);
-  mapped.covariance.diagonal().setLinSpaced(1e-6, 2e-6);
-  mapped.former_poses = {slam::Transform{}.retract(-delta), slam::Transform{}};
-  slam::MapMarker& plain = map.addMarker(3, 0.2);
-  plain.state = slam::MarkerState::kMapped;
-  plain.T_w_m = slam::Transform{};
-  map.addMarker(9, 0.165);
-  map.addMarker(10, 0.165).state = slam::MarkerState::kBanned;
-  slam::MapMarker& quarantined = map.addMarker(11, 0.165);
-  quarantined.state = slam::MarkerState::kQuarantined;
-  quarantined.former_poses = {slam::Transform{}.retract(delta)};
+  slam::Matrix6d covariance = slam::Matrix6d::Constant(1e-8 / 3.0);
+  covariance.diagonal().setLinSpaced(1e-6, 2e-6);
+  for (const int id : {7, 9, 10, 11}) map.addMarker(id, 0.165);
+  for (const slam::Transform& former : {slam::Transform{}.retract(-delta), slam::Transform{}}) {
+    map.place(7, former);
+    map.quarantine(7);
+  }
+  map.place(7, slam::Transform{}.retract(delta), slam::Transform{}.retract(2.0 * delta),
+            covariance);
+  map.addMarker(3, 0.2);
+  map.place(3, slam::Transform{});
+  map.ban(10);
+  map.place(11, slam::Transform{}.retract(delta));
+  map.quarantine(11);
 
   slam::MarkerDetection seven;
   seven.id = 7;
@@ -169,8 +169,10 @@ TEST(MapFile, SavingWhatWasLoadedGivesTheSameBytes) {
 // What a rolling shutter does to the corners is done again when the map is read.
 TEST(MapFile, RollingShutter) {
   slam::Map map = sampleMap();
-  map.marker(7).T_w_m->p = map.keyframes().at(4).T_w_c * Eigen::Vector3d(0.0, 0.0, 2.0);
-  map.undistortAgain(slam::CameraModel(kCamera), 0.02);
+  slam::Transform T_w_m = *map.find(7)->T_w_m;
+  T_w_m.p = map.keyframes().at(4).T_w_c * Eigen::Vector3d(0.0, 0.0, 2.0);
+  map.place(7, T_w_m, map.find(7)->other_T_w_m, map.find(7)->covariance);
+  slam::undistortAgain(slam::CameraModel(kCamera), 0.02, &map);
   const std::string text = formatMap(map, kCamera, 0.02);
   const Result<MapFile> file = parseMap(text, "m.json");
   ASSERT_TRUE(file) << file.error().message;
@@ -181,6 +183,66 @@ TEST(MapFile, RollingShutter) {
   };
   EXPECT_LT((corner(file->map) - corner(map)).norm(), 1e-9);
   EXPECT_GT((corner(map) - corner(sampleMap())).norm(), 1e-6);
+}
+
+// The sample with keyframes that are tied to each other.
+slam::Map linkedMap() {
+  slam::Map map = sampleMap();
+  slam::Vector6d delta;
+  delta << 1.0, -2.0, 0.5, 0.3, 1.0 / 3.0, -0.6;
+  slam::Matrix6d covariance = slam::Matrix6d::Constant(1e-5 / 3.0);
+  covariance.diagonal().setLinSpaced(1e-4, 3e-4);
+  map.addLink(6, {4, slam::Transform{}.retract(delta), covariance});
+  slam::Keyframe bridge;
+  bridge.id = 9;
+  bridge.links = {{4, slam::Transform{}.retract(-delta), covariance}, {6, {}, 2.0 * covariance}};
+  map.addKeyframe(bridge);
+  return map;
+}
+
+TEST(MapFile, LinksReadBack) {
+  const slam::Map map = linkedMap();
+  const std::string text = formatMap(map, kCamera);
+  const Result<MapFile> file = parseMap(text, "m.json");
+  ASSERT_TRUE(file) << file.error().message;
+  EXPECT_EQ(formatMap(file->map, file->camera), text);
+  for (const auto& [id, keyframe] : map.keyframes()) {
+    const auto& back = file->map.keyframes().at(id).links;
+    ASSERT_EQ(back.size(), keyframe.links.size()) << id;
+    for (std::size_t i = 0; i < back.size(); ++i) {
+      EXPECT_EQ(back[i].to, keyframe.links[i].to);
+      EXPECT_EQ(back[i].T_this_to.p, keyframe.links[i].T_this_to.p);
+      EXPECT_LT((back[i].T_this_to.R - keyframe.links[i].T_this_to.R).norm(), 1e-13);
+      EXPECT_EQ(back[i].covariance, keyframe.links[i].covariance);
+    }
+  }
+  EXPECT_EQ(file->map.keyframes().at(9).links.size(), 2U);
+  EXPECT_EQ(sampleText().find("links"), std::string::npos) << "without any, not a word of them";
+}
+
+TEST(MapFile, FaultsOfLinks) {
+  using Edit = std::function<void(nlohmann::ordered_json&)>;  // of the last keyframe's links
+  const std::pair<Edit, std::string> cases[] = {
+      {[](auto& l) { l[0]["to"] = 5; }, "links[0].to: there is no keyframe 5 before"},
+      {[](auto& l) { l[1]["to"] = 9; }, "links[1].to: there is no keyframe 9 before"},
+      {[](auto& l) { l[1]["to"] = 4; }, "links[1].to: must be larger than the one before"},
+      {[](auto& l) { l[0]["to"] = -1; }, "links[0].to: must be a whole number"},
+      {[](auto& l) { l[0].erase("to"); }, "links[0].to: is missing"},
+      {[](auto& l) { l[0].erase("T_this_to"); }, "links[0].T_this_to: is missing"},
+      {[](auto& l) { l[1]["T_this_to"]["q"][0] = 3.0; }, "links[1].T_this_to.q: must have len"},
+      {[](auto& l) { l[0]["covariance"].erase(0); }, "links[0].covariance: must be a list of 21"},
+      {[](auto& l) { l[0]["covariance"][0] = 1e13; }, "links[0].covariance: must not exceed"},
+      {[](auto& l) { l[0]["covariance"][1] = 1.0; }, "links[0].covariance: must be positive def"},
+      {[](auto& l) { l = 4; }, "keyframes[2].links: must be a list"},
+  };
+  for (const auto& [edit, complaint] : cases) {
+    nlohmann::ordered_json json = nlohmann::ordered_json::parse(formatMap(linkedMap(), kCamera));
+    json.erase("checksum");
+    edit(json["keyframes"][2]["links"]);
+    const std::string error = errorOf(json.dump());
+    EXPECT_NE(error.find(complaint), std::string::npos) << error << "\n  not: " << complaint;
+    EXPECT_EQ(error.find('\n'), std::string::npos) << error;
+  }
 }
 
 TEST(MapFile, MapsWithoutCameraOrAnything) {
@@ -250,6 +312,8 @@ TEST(MapFile, FaultsNameFilePlaceAndReason) {
       {[](auto& j) { j["markers"][1]["state"] = "lost"; }, "markers[1].state: must be \"mapped\""},
       {[](auto& j) { j["markers"][1]["state"] = "refused"; }, "markers[1].state: must be \"mapp"},
       {[](auto& j) { j["unposed_markers"][0]["state"] = "mapped"; }, "must not be \"mapped\""},
+      {[](auto& j) { j["unposed_markers"][0]["other_T_w_m"] = j["markers"][1]["other_T_w_m"]; },
+       "unposed_markers[0].other_T_w_m: must not be there without a first pose"},
       {[](auto& j) { j["markers"][1]["covariance"].erase(0); }, "covariance: must be a list of"},
       {[](auto& j) { j["markers"][1]["covariance"][0] = -1; }, "must not have a negative vari"},
       {[](auto& j) { j["keyframes"][1]["index"] = 4; }, "keyframes[1].index: must be larger"},

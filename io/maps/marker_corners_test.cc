@@ -16,10 +16,10 @@ using waymark::testing::TemporaryDirectory;
 slam::Map twoMarkers() {
   slam::Map map;
   map.dictionary = "APRILTAG_36h11";
-  map.addMarker(7, 0.165).T_w_m =
-      slam::Transform{}.retract((slam::Vector6d() << 0.1, 0.2, 0.3, 0.4, -0.5, 0.6).finished());
-  map.addMarker(3, 0.165).T_w_m = slam::Transform{};
-  map.addMarker(9, 0.165);
+  for (const int id : {3, 7, 9}) map.addMarker(id, 0.165);
+  const auto delta = (slam::Vector6d() << 0.1, 0.2, 0.3, 0.4, -0.5, 0.6).finished();
+  map.place(7, slam::Transform{}.retract(delta));
+  map.place(3, slam::Transform{});
   return map;
 }
 

@@ -6,6 +6,7 @@
 
 #include "io/text/number_text.h"
 #include "io/text/text_file.h"
+#include "slam/camera/undistort_map.h"
 
 namespace waymark::io {
 namespace {
@@ -42,7 +43,7 @@ void agreeOnReadout(OldMap* old, slam::Options* options) {
     shutter.learned_s = old->readout_s.value_or(0.0);
   } else if (options->mapping && old->file.readout_s != *shutter.readout_s) {
     old->file.readout_s = *shutter.readout_s;
-    old->file.map.undistortAgain(slam::CameraModel(*old->file.camera), *shutter.readout_s);
+    slam::undistortAgain(slam::CameraModel(*old->file.camera), *shutter.readout_s, &old->file.map);
   }
 }
 
@@ -77,7 +78,7 @@ Result<std::optional<std::string>> changeCamera(const slam::Calibration& camera,
   }
   constexpr double kRounding_px = 1e-6;
   if (*difference_px < kRounding_px) return none;
-  map->map.undistortAgain(slam::CameraModel(camera), map->readout_s);
+  slam::undistortAgain(slam::CameraModel(camera), map->readout_s, &map->map);
   return std::optional("camera: was calibrated differently, " + apart +
                        "; its corners are undistorted anew");
 }

@@ -25,8 +25,8 @@ class OldMapFile : public ::testing::Test {
     slam::Transform T_w_m;  // in front of the first camera, facing it
     T_w_m.R = Eigen::Vector3d(1.0, -1.0, -1.0).asDiagonal();
     T_w_m.p.z() = 2.0;
-    map_.addMarker(3, 0.1).T_w_m = T_w_m;
-    map_.marker(3).state = slam::MarkerState::kMapped;
+    map_.addMarker(3, 0.1);
+    map_.place(3, T_w_m);
     std::mt19937 rng;
     slam::Keyframe keyframe;
     keyframe.detections = {*slam::testing::observe(slam::CameraModel(kCamera), keyframe.T_w_c, 3,
@@ -125,8 +125,7 @@ TEST_F(OldMapFile, OfMarkersOnly) {
 
 TEST_F(OldMapFile, WithNothingToLocalizeIn) {
   map_.removeKeyframe(0);
-  map_.marker(3).T_w_m.reset();
-  map_.marker(3).state = slam::MarkerState::kUnresolved;
+  map_.quarantine(3);
   ASSERT_TRUE(read()) << "it can still grow";
   use_.localize_only = true;
   expectError(read(), "markers: none has a pose, so there is nothing to localize in");

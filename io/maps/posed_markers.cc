@@ -52,9 +52,8 @@ Result<slam::Map> mapOf(const PosedMarkers& markers, const std::filesystem::path
     if (!(posed.size_m > 0.0)) return fault(posed.id, "has no size; give one with --size");
     if (!isSize(posed.size_m)) return fault(posed.id, std::string("its size ") + kSizes);
     if (!isPosition(posed.T_w_m.p)) return fault(posed.id, kPositions);
-    slam::MapMarker& marker = map.addMarker(posed.id, posed.size_m);
-    marker.T_w_m = posed.T_w_m;
-    marker.state = slam::MarkerState::kMapped;
+    map.addMarker(posed.id, posed.size_m);
+    map.place(posed.id, posed.T_w_m);
   }
   if (map.markers().empty()) return Error{file.string() + ": has no markers"};
   return map;

@@ -14,8 +14,10 @@ MarkerDetection seen(int id) {
 // A line of keyframes 10 cm apart that all see marker 1; one of them sees marker 2 as well.
 Map lineOfKeyframes(int count, int sees_another = -1) {
   Map map;
-  map.addMarker(1, 0.1).T_w_m = Transform{};
-  map.addMarker(2, 0.1).T_w_m = Transform{};
+  for (const int id : {1, 2}) {
+    map.addMarker(id, 0.1);
+    map.place(id, Transform{});
+  }
   for (int i = 0; i < count; ++i) {
     Keyframe keyframe;
     keyframe.T_w_c.p = {0.1 * i, 0.0, 0.0};
@@ -59,7 +61,7 @@ TEST(KeyframePolicy, TakesNoFrameThatCullingWouldNotKeep) {
 // all the same, as far from each other as ever.
 TEST(KeyframePolicy, AMarkerWithoutAPoseGetsViewsOfItsOwn) {
   Map map = lineOfKeyframes(9);
-  map.marker(2).T_w_m.reset();
+  map.quarantine(2);
   Transform here;
   here.p.x() = 0.42;
   const std::vector<MarkerDetection> known = {seen(1)};
@@ -73,7 +75,7 @@ TEST(KeyframePolicy, AMarkerWithoutAPoseGetsViewsOfItsOwn) {
   EXPECT_EQ(reason(both), KeyframeReason::kNone);
   here.p.x() = 0.52;  // more than 8 cm from the one that sees it
   EXPECT_EQ(reason(both), KeyframeReason::kBaseline);
-  map.marker(2).T_w_m = Transform{};
+  map.place(2, Transform{});
   EXPECT_EQ(reason(both), KeyframeReason::kNone);
 }
 

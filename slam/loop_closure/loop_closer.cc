@@ -291,19 +291,19 @@ std::optional<KeyframeId> adopt(const ClosedLoop& loop, Map* map) {
   const Transform T_new_old = loop.closing.T_w_c * loop.T_w_tracked.inverse();
   const KeyframeId newest = loop.correction.keyframes.back().id;
   for (auto it = map->keyframes().upper_bound(newest); it != map->keyframes().end(); ++it) {
-    map->keyframePose(it->first) = T_new_old * it->second.T_w_c;
+    map->setKeyframePose(it->first, T_new_old * it->second.T_w_c);
   }
   std::vector<std::pair<int, Transform>> firsts;
-  for (const auto& [id, known] : map->markers()) {
-    if (!known.T_w_m) continue;
-    MapMarker& marker = map->marker(id);
-    marker.T_w_m = T_new_old * *marker.T_w_m;
+  for (const auto& [id, marker] : map->markers()) {
+    if (!marker.T_w_m) continue;
+    map->place(id, T_new_old * *marker.T_w_m, marker.other_T_w_m, marker.covariance);
     if (marker.other_T_w_m) firsts.emplace_back(id, *marker.T_w_m);
   }
   (void)apply(loop.correction, map);
   for (const auto& [id, T_w_m] : firsts) {
-    MapMarker& marker = map->marker(id);
-    marker.other_T_w_m = *marker.T_w_m * T_w_m.inverse() * T_new_old * *marker.other_T_w_m;
+    const MapMarker& marker = *map->findPosed(id);
+    map->place(id, *marker.T_w_m, *marker.T_w_m * T_w_m.inverse() * T_new_old * *marker.other_T_w_m,
+               marker.covariance);
   }
   map->beginEpoch();
   Keyframe closing = loop.closing;

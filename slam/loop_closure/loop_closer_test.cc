@@ -41,10 +41,10 @@ class LoopCloserTest : public ::testing::Test {
       for (const KeyframeId view : seen_by) {
         share += static_cast<double>(view) / last / static_cast<double>(seen_by.size());
       }
-      map->marker(id).T_w_m = bendAt(share) * *marker.T_w_m;
+      map->place(id, bendAt(share) * *marker.T_w_m, marker.other_T_w_m, marker.covariance);
     }
     for (const auto& [id, keyframe] : map->keyframes()) {
-      map->keyframePose(id) = bendAt(static_cast<double>(id) / last) * keyframe.T_w_c;
+      map->setKeyframePose(id, bendAt(static_cast<double>(id) / last) * keyframe.T_w_c);
     }
   }
 
@@ -167,7 +167,8 @@ TEST_F(LoopCloserTest, WhatCameMeanwhileMovesWithTheClosingFrame) {
   ASSERT_FALSE(task.advance(100.0));
   const Transform T_closing_late{expSo3({0.0, 0.05, 0.0}), {0.1, 0.0, 0.2}};
   const KeyframeId late = map.addKeyframe({-1, 0, 0, loop.frame.T_w_c * T_closing_late, {}});
-  map.addMarker(99, kSize).T_w_m = loop.frame.T_w_c * T_closing_late;
+  map.addMarker(99, kSize);
+  map.place(99, loop.frame.T_w_c * T_closing_late);
   map.removeKeyframe(20);
   // An old one whose markers are all in quarantine: nobody knows where it belongs by now.
   const Transform T_old = map.keyframes().at(8).T_w_c;
@@ -292,7 +293,7 @@ TEST_F(LoopCloserTest, EmptyKeyframesAndSecondHypotheses) {
   bend(drift_, &map);
   (void)map.addKeyframe({-1, 0, 0, map.keyframes().at(33).T_w_c, {}});
   const Transform flip{expSo3({0.4, 0.2, 0.0}), Eigen::Vector3d::Zero()};
-  map.marker(12).other_T_w_m = *map.find(12)->T_w_m * flip;
+  map.place(12, *map.find(12)->T_w_m, *map.find(12)->T_w_m * flip);
   LoopFrame loop = loopFrame(map, see(testing::roomView(345.0 * kDegree), 0.05));
   loop.reference = 33;
   const auto outcome = close(map, loop);

@@ -4,9 +4,21 @@
 #include <utility>
 
 #include "base/sorted.h"
-#include "slam/rolling_shutter/rolling_shutter.h"
 
 namespace waymark::slam {
+namespace {
+
+void withoutPose(MarkerState state, MapMarker* marker) {
+  marker->state = state;
+  marker->T_w_m.reset();
+  marker->other_T_w_m.reset();
+}
+
+}  // namespace
+
+bool MapMarker::isSound() const {
+  return (state == MarkerState::kMapped) == T_w_m.has_value() && (T_w_m || !other_T_w_m);
+}
 
 std::array<Eigen::Vector3d, 4> MapMarker::cornersInWorld() const {
   std::array<Eigen::Vector3d, 4> corners = markerCorners(size_m);
@@ -15,9 +27,7 @@ std::array<Eigen::Vector3d, 4> MapMarker::cornersInWorld() const {
 }
 
 const MarkerDetection* Keyframe::find(int marker_id) const {
-  const auto found =
-      std::lower_bound(detections.begin(), detections.end(), marker_id,
-                       [](const MarkerDetection& d, int wanted) { return d.id < wanted; });
+  const auto found = std::ranges::lower_bound(detections, marker_id, {}, &MarkerDetection::id);
   return found != detections.end() && found->id == marker_id ? &*found : nullptr;
 }
 
@@ -64,7 +74,7 @@ std::vector<int> Map::markersSeenFrom(std::span<const KeyframeId> keyframes) con
   return markers;
 }
 
-MapMarker& Map::addMarker(int marker_id, double size_m) {
+const MapMarker& Map::addMarker(int marker_id, double size_m) {
   MapMarker& marker = markers_[marker_id];
   if (marker.id < 0) {
     marker.id = marker_id;
@@ -72,6 +82,29 @@ MapMarker& Map::addMarker(int marker_id, double size_m) {
   }
   return marker;
 }
+
+bool Map::putMarker(const MapMarker& marker) {
+  if (!marker.isSound()) return false;
+  markers_[marker.id] = marker;
+  return true;
+}
+
+void Map::place(int marker_id, const Transform& T_w_m, const std::optional<Transform>& other,
+                const Matrix6d& covariance) {
+  MapMarker& marker = markers_.at(marker_id);
+  marker.state = MarkerState::kMapped;
+  marker.T_w_m = T_w_m;
+  marker.other_T_w_m = other;
+  marker.covariance = covariance;
+}
+
+void Map::quarantine(int marker_id) {
+  MapMarker& marker = markers_.at(marker_id);
+  if (marker.T_w_m) marker.former_poses.push_back(*marker.T_w_m);
+  withoutPose(MarkerState::kQuarantined, &marker);
+}
+
+void Map::ban(int marker_id) { withoutPose(MarkerState::kBanned, &markers_.at(marker_id)); }
 
 KeyframeId Map::addKeyframe(Keyframe keyframe) {
   keyframe.id = std::max(keyframe.id, next_keyframe_);
@@ -81,7 +114,11 @@ KeyframeId Map::addKeyframe(Keyframe keyframe) {
     views_[detection.id].push_back(keyframe.id);
   }
   const KeyframeId id = keyframe.id;
+  const std::vector<KeyframeLink> links = std::exchange(keyframe.links, {});
   keyframes_.emplace_hint(keyframes_.end(), id, std::move(keyframe));
+  for (const KeyframeLink& link : links) {
+    if (link.to != id && keyframes_.contains(link.to)) addLink(id, link);
+  }
   return id;
 }
 
@@ -89,7 +126,24 @@ void Map::removeKeyframe(KeyframeId id) {
   for (const MarkerDetection& detection : keyframes_.at(id).detections) {
     std::erase(views_[detection.id], id);
   }
+  for (const KeyframeLink& link : keyframes_.at(id).links) std::erase(linked_from_[link.to], id);
+  if (const auto linked = linked_from_.extract(id)) {
+    for (const KeyframeId from : linked.mapped()) {
+      std::erase_if(keyframes_.at(from).links, [&](const auto& link) { return link.to == id; });
+    }
+  }
   keyframes_.erase(id);
+}
+
+void Map::addLink(KeyframeId id, const KeyframeLink& link) {
+  std::vector<KeyframeLink>& links = keyframes_.at(id).links;
+  const auto known = std::ranges::lower_bound(links, link.to, {}, &KeyframeLink::to);
+  if (known != links.end() && known->to == link.to) {
+    *known = link;
+    return;
+  }
+  links.insert(known, link);
+  linked_from_[link.to].push_back(id);
 }
 
 void Map::addView(KeyframeId id, const MarkerDetection& detection) {
@@ -100,6 +154,11 @@ void Map::addView(KeyframeId id, const MarkerDetection& detection) {
   detections.insert(behind, detection);
   std::vector<KeyframeId>& views = views_[detection.id];
   views.insert(std::upper_bound(views.begin(), views.end(), id), id);
+}
+
+void Map::replaceView(KeyframeId id, const MarkerDetection& detection) {
+  std::vector<MarkerDetection>& detections = keyframes_.at(id).detections;
+  *std::ranges::lower_bound(detections, detection.id, {}, &MarkerDetection::id) = detection;
 }
 
 void Map::removeViews(int marker_id, std::span<const KeyframeId> keyframes) {
@@ -122,22 +181,6 @@ void Map::moveWorld(const Transform& T_v_w) {
     for (Transform& former : marker.former_poses) former = T_v_w * former;
   }
   for (auto& [id, keyframe] : keyframes_) keyframe.T_w_c = T_v_w * keyframe.T_w_c;
-}
-
-void Map::undistortAgain(const CameraModel& camera, double readout_s) {
-  beginEpoch();
-  for (auto& [id, keyframe] : keyframes_) {
-    std::vector<int> unseen;
-    for (MarkerDetection& detection : keyframe.detections) {
-      const MapMarker& marker = markers_.at(detection.id);
-      const auto again = deskewed(detection, camera, keyframe.T_w_c, keyframe.twist, marker.T_w_m,
-                                  marker.size_m, readout_s);
-      if (again) detection = *again;
-      if (!again) unseen.push_back(detection.id);
-    }
-    const KeyframeId only[] = {id};
-    for (const int marker_id : unseen) removeViews(marker_id, only);
-  }
 }
 
 }  // namespace waymark::slam

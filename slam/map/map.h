@@ -10,7 +10,6 @@
 #include <vector>
 
 #include "slam/detection/marker_detection.h"
-#include "slam/geometry/camera_model.h"
 #include "slam/geometry/transform.h"
 
 namespace waymark::slam {
@@ -29,15 +28,26 @@ struct MapMarker {
   int id = -1;
   double size_m = 0.0;
   MarkerState state = MarkerState::kUnresolved;
-  std::optional<Transform> T_w_m;  // gamma_m; has a value when the state is kMapped
+  std::optional<Transform> T_w_m;  // gamma_m; has a value when the state is kMapped, and only then
   // The second pose that explains the views nearly as well; empty once the evidence has decided.
   std::optional<Transform> other_T_w_m;
   // Of (dp, dtheta) of T_w_m, given the keyframes that see it: metres, radians, world frame.
   Matrix6d covariance = Matrix6d::Zero();
   std::vector<Transform> former_poses;  // T_w_m before each quarantine
 
+  // Whether state and poses go together; those in a map always do. A second pose needs a first.
+  [[nodiscard]] bool isSound() const;
   // Corners in the world, metres. Precondition: T_w_m has a value.
   [[nodiscard]] std::array<Eigen::Vector3d, 4> cornersInWorld() const;
+};
+
+// Where an older keyframe is as seen from this one, when something else than the markers both see
+// says so. The optimizations and the pose graph ignore links for now.
+struct KeyframeLink {
+  KeyframeId to = -1;
+  Transform T_this_to;  // the other keyframe's camera in this one's
+  // Of (dp, dtheta) of T_this_to: metres, radians, in this keyframe's camera.
+  Matrix6d covariance = Matrix6d::Zero();
 };
 
 // A frame kept for optimization, with the markers it sees (Lambda^i, Eq. 13).
@@ -49,6 +59,7 @@ struct Keyframe {
   std::vector<MarkerDetection> detections;  // sorted by id
   // Of the camera in its own frame, metres and radians per second; 0 where nobody needs it.
   Vector6d twist = Vector6d::Zero();
+  std::vector<KeyframeLink> links{};  // sorted by `to`; the newer of two keyframes has theirs
 
   // Null when the keyframe does not see the marker.
   [[nodiscard]] const MarkerDetection* find(int marker_id) const;
@@ -76,35 +87,50 @@ class Map {
   // G_m of Eq. 31: the markers that any of the keyframes sees, sorted.
   [[nodiscard]] std::vector<int> markersSeenFrom(std::span<const KeyframeId> keyframes) const;
 
-  // For changes of anything but ids and detections. Precondition: it exists.
-  [[nodiscard]] MapMarker& marker(int marker_id) { return markers_.at(marker_id); }
-  [[nodiscard]] Transform& keyframePose(KeyframeId id) { return keyframes_.at(id).T_w_c; }
-
   // Adds the marker, without a pose; one that is known already stays as it is.
-  MapMarker& addMarker(int marker_id, double size_m);
+  const MapMarker& addMarker(int marker_id, double size_m);
+  // A marker as a file or another map has it, in place of what is known of it. False, and nothing
+  // is done, when it is not sound.
+  [[nodiscard]] bool putMarker(const MapMarker& marker);
+  // What becomes of a known marker: its state and its poses change together. Its views stay.
+  // It hangs there: mapped.
+  void place(int marker_id, const Transform& T_w_m, const std::optional<Transform>& other = {},
+             const Matrix6d& covariance = Matrix6d::Zero());
+  // Its pose goes to the former ones, where it has one.
+  void quarantine(int marker_id);
+  // Its pose goes.
+  void ban(int marker_id);
+
   // Its markers must be known. `keyframe.id` is given here, unless it is a larger one than all
-  // before it (a map read from a file).
+  // before it (a map read from a file). Its links to keyframes that are not in the map are left
+  // out.
   KeyframeId addKeyframe(Keyframe keyframe);
+  // Links to it go, too.
   void removeKeyframe(KeyframeId id);
+  // Precondition: the keyframe exists.
+  void setKeyframePose(KeyframeId id, const Transform& T_w_c) { keyframes_.at(id).T_w_c = T_w_c; }
+  // In place of another one between the two. Preconditions: both exist; link.to is the older one.
+  void addLink(KeyframeId id, const KeyframeLink& link);
   // One more detection of a keyframe. Preconditions: the keyframe exists and does not see the
   // marker yet; the marker is known.
   void addView(KeyframeId id, const MarkerDetection& detection);
+  // Another detection in place of what the keyframe has seen of the marker. Precondition: it has.
+  void replaceView(KeyframeId id, const MarkerDetection& detection);
   // The marker's detections leave these keyframes; a keyframe that sees nothing any more stays.
   void removeViews(int marker_id, std::span<const KeyframeId> keyframes);
-  // Moves the whole map into another world: every T_w_x becomes T_v_w * T_w_x.
+  // Moves the whole map into another world: every T_w_x becomes T_v_w * T_w_x. Links are relative,
+  // and stay as they are.
   void moveWorld(const Transform& T_v_w);
   // Counts the changes of all coordinates, or of all corners, at once: what was computed from those
   // of an earlier epoch is of no use any more.
   [[nodiscard]] std::uint64_t epoch() const { return epoch_; }
   void beginEpoch() { ++epoch_; }
-  // The lens or its shutter turned out to be another one: the detections' normalized corners follow
-  // from their pixels anew. One that the lens cannot have seen leaves its keyframe.
-  void undistortAgain(const CameraModel& camera, double readout_s);
 
  private:
   std::map<int, MapMarker> markers_;
   std::map<KeyframeId, Keyframe> keyframes_;
-  std::map<int, std::vector<KeyframeId>> views_;  // by marker; ascending
+  std::map<int, std::vector<KeyframeId>> views_;               // by marker; ascending
+  std::map<KeyframeId, std::vector<KeyframeId>> linked_from_;  // by the links' `to`
   KeyframeId next_keyframe_ = 0;
   std::uint64_t epoch_ = 0;
 };

@@ -49,13 +49,100 @@ TEST(Map, KnowsWhoSeesWhat) {
 
 TEST(Map, AKnownMarkerStaysAsItIs) {
   Map map;
-  map.addMarker(7, 0.1).T_w_m = Transform{};
+  map.addMarker(7, 0.1);
+  map.place(7, Transform{});
   EXPECT_EQ(map.addMarker(7, 0.5).size_m, 0.1);
   EXPECT_TRUE(map.find(7)->T_w_m);
   EXPECT_EQ(map.find(8), nullptr);
   map.addMarker(8, 0.1);
   EXPECT_NE(map.find(8), nullptr);
   EXPECT_EQ(map.findPosed(8), nullptr) << "known, but without a pose";
+}
+
+TEST(Map, StateAndPosesGoTogether) {
+  const auto at = [](double x_m) { return Transform{Eigen::Matrix3d::Identity(), {x_m, 0, 0}}; };
+  Map map = smallMap();
+  const MapMarker& marker = *map.find(2);
+  EXPECT_EQ(marker.state, MarkerState::kUnresolved);
+  map.place(2, at(1.0), at(2.0), Matrix6d::Identity());
+  EXPECT_EQ(marker.state, MarkerState::kMapped);
+  EXPECT_EQ(marker.T_w_m->p, at(1.0).p);
+  EXPECT_EQ(marker.other_T_w_m->p, at(2.0).p);
+  EXPECT_EQ(marker.covariance, Matrix6d::Identity());
+  EXPECT_TRUE(marker.isSound());
+  map.place(2, *marker.other_T_w_m, std::nullopt, marker.covariance);  // of its own poses
+  EXPECT_EQ(marker.T_w_m->p, at(2.0).p);
+  EXPECT_FALSE(marker.other_T_w_m) << "the evidence has decided";
+
+  map.place(2, at(1.0), at(2.0));
+  map.quarantine(2);
+  EXPECT_EQ(marker.state, MarkerState::kQuarantined);
+  EXPECT_FALSE(marker.T_w_m || marker.other_T_w_m);
+  ASSERT_EQ(marker.former_poses.size(), 1U);
+  EXPECT_EQ(marker.former_poses[0].p, at(1.0).p);
+  EXPECT_EQ(viewsOf(map, 2).size(), 2U) << "what was seen of it is another matter";
+  map.quarantine(2);
+  EXPECT_EQ(marker.former_poses.size(), 1U) << "it hung nowhere since";
+
+  map.place(2, at(3.0));
+  map.ban(2);
+  EXPECT_EQ(marker.state, MarkerState::kBanned);
+  EXPECT_FALSE(marker.T_w_m);
+  EXPECT_EQ(marker.former_poses.size(), 1U);
+  EXPECT_TRUE(marker.isSound());
+}
+
+TEST(Map, TakesNoMarkerThatIsNotSound) {
+  Map map;
+  MapMarker marker{.id = 5, .size_m = 0.1, .state = MarkerState::kMapped};
+  EXPECT_FALSE(map.putMarker(marker)) << "mapped, but nowhere";
+  marker.state = MarkerState::kQuarantined;
+  marker.T_w_m = Transform{};
+  EXPECT_FALSE(map.putMarker(marker)) << "in quarantine, with a pose in use";
+  marker.T_w_m.reset();
+  marker.other_T_w_m = Transform{};
+  EXPECT_FALSE(map.putMarker(marker)) << "a second pose without a first";
+  EXPECT_EQ(map.find(5), nullptr);
+  marker.other_T_w_m.reset();
+  marker.former_poses = {Transform{}};
+  EXPECT_TRUE(map.putMarker(marker));
+  EXPECT_EQ(map.find(5)->former_poses.size(), 1U);
+  marker.state = MarkerState::kMapped;
+  marker.T_w_m = Transform{};
+  EXPECT_TRUE(map.putMarker(marker));
+  EXPECT_NE(map.findPosed(5), nullptr) << "in place of what was known";
+}
+
+std::vector<KeyframeId> linksOf(const Map& map, KeyframeId id) {
+  std::vector<KeyframeId> to;
+  for (const KeyframeLink& link : map.keyframes().at(id).links) to.push_back(link.to);
+  return to;
+}
+
+TEST(Map, LinksLiveAsLongAsBothEnds) {
+  Map map = smallMap();
+  Keyframe bridge;
+  bridge.links = {{2, {}, {}}, {0, {}, {}}, {77, {}, {}}};
+  const KeyframeId first = map.addKeyframe(bridge);
+  EXPECT_EQ(linksOf(map, first), (std::vector<KeyframeId>{0, 2})) << "there is no keyframe 77";
+  bridge.links = {{first, {}, {}}};
+  const KeyframeId second = map.addKeyframe(bridge);
+  map.addLink(second, {1, {}, {}});
+  EXPECT_EQ(linksOf(map, second), (std::vector<KeyframeId>{1, first}));
+  map.addLink(second, {1, {Eigen::Matrix3d::Identity(), {0.5, 0.0, 0.0}}, {}});
+  EXPECT_EQ(linksOf(map, second).size(), 2U) << "in place of the one before";
+  EXPECT_EQ(map.keyframes().at(second).links[0].T_this_to.p.x(), 0.5);
+
+  Map other = map;
+  EXPECT_EQ(linksOf(other, second), linksOf(map, second)) << "copies have them";
+  other.removeKeyframe(0);
+  EXPECT_EQ(linksOf(other, first), (std::vector<KeyframeId>{2}));
+  EXPECT_EQ(linksOf(map, first), (std::vector<KeyframeId>{0, 2}));
+  other.removeKeyframe(first);
+  EXPECT_EQ(linksOf(other, second), (std::vector<KeyframeId>{1}));
+  other.removeKeyframe(2);  // what was linked to it has gone before
+  other.removeKeyframe(1);
+  EXPECT_TRUE(linksOf(other, second).empty());
 }
 
 TEST(Map, KeyframeIdsEverGrow) {
@@ -106,17 +193,20 @@ TEST(Map, MoveWorldMovesEverything) {
   std::mt19937 rng(1);
   const auto anyPose = [&] { return testing::disturbed(Transform{}, 0.7, &rng); };
   Map map = smallMap();
-  for (const auto& [id, keyframe] : map.keyframes()) map.keyframePose(id) = anyPose();
-  MapMarker& marker = map.marker(2);
-  marker.T_w_m = anyPose();
-  marker.other_T_w_m = anyPose();
-  marker.former_poses = {anyPose(), anyPose()};
+  for (const auto& [id, keyframe] : map.keyframes()) map.setKeyframePose(id, anyPose());
+  for (int i = 0; i < 2; ++i) {
+    map.place(2, anyPose());
+    map.quarantine(2);
+  }
   // The covariance as the spread of six steps from the pose.
   std::vector<Vector6d> steps;
+  Matrix6d covariance = Matrix6d::Zero();
   for (int i = 0; i < 6; ++i) {
     steps.push_back(Transform{}.localCoordinates(testing::disturbed(Transform{}, 0.05, &rng)));
-    marker.covariance += steps.back() * steps.back().transpose();
+    covariance += steps.back() * steps.back().transpose();
   }
+  map.place(2, anyPose(), anyPose(), covariance);
+  map.addLink(2, {0, anyPose(), Matrix6d::Identity()});
   const Map before = map;
   const Transform T_v_w = anyPose();
   map.moveWorld(T_v_w);
@@ -126,6 +216,7 @@ TEST(Map, MoveWorldMovesEverything) {
     EXPECT_LT((moved.R - (T_v_w * was).R).norm(), 1e-12);
   };
   const MapMarker& was = *before.find(2);
+  const MapMarker& marker = *map.find(2);
   expectMoved(*marker.T_w_m, *was.T_w_m);
   expectMoved(*marker.other_T_w_m, *was.other_T_w_m);
   ASSERT_EQ(marker.former_poses.size(), 2U);
@@ -140,33 +231,10 @@ TEST(Map, MoveWorldMovesEverything) {
   }
   EXPECT_LT((marker.covariance - spread).norm(), 1e-9 * spread.norm());
   EXPECT_FALSE(map.find(1)->T_w_m) << "what has no pose gets none";
-}
-
-TEST(Map, UndistortAgainFollowsThePixels) {
-  std::mt19937 rng(2);
-  const CameraModel camera(testing::testCalibration());
-  const auto markers = testing::markerWall(1, 3, 0.5, &rng);
-  const Transform view = testing::lookAt({0.0, 0.5, 0.0}, {0.0, 3.0, 0.0});
-  Map map = testing::trueMap(camera, {&view, 1}, markers, 0.12, 0.1, &rng);
-  ASSERT_EQ(map.keyframes().at(0).detections.size(), 3U);
-
-  Calibration other = testing::testCalibration();
-  other.fx = 600.0;
-  other.distortion = {};
-  map.undistortAgain(CameraModel(other), 0.0);
-  for (const MarkerDetection& detection : map.keyframes().at(0).detections) {
-    for (std::size_t k = 0; k < 4; ++k) {
-      EXPECT_NEAR(detection.normalized[k].x(), (detection.pixels[k].x() - other.cx) / 600.0, 1e-9);
-    }
-  }
-
-  // A lens that ends before the outer two markers, which stand some 100 pixels from the middle.
-  other.distortion[0] = -12.0;
-  map.undistortAgain(CameraModel(other), 0.0);
-  EXPECT_NE(map.keyframes().at(0).find(1), nullptr);
-  EXPECT_EQ(map.keyframes().at(0).find(0), nullptr);
-  EXPECT_TRUE(map.viewsOf(0).empty());
-  EXPECT_TRUE(map.viewsOf(2).empty());
+  const KeyframeLink& link = map.keyframes().at(2).links.at(0);
+  EXPECT_EQ(link.T_this_to.p, before.keyframes().at(2).links.at(0).T_this_to.p) << "is relative";
+  EXPECT_EQ(link.T_this_to.R, before.keyframes().at(2).links.at(0).T_this_to.R);
+  EXPECT_EQ(link.covariance, Matrix6d::Identity());
 }
 
 }  // namespace

@@ -10,7 +10,7 @@
 #include "slam/loop_closure/loop_closure_manager.h"
 #include "slam/map/map.h"
 #include "slam/mapping/mapper.h"
-#include "slam/mapping/rolling_shutter_estimator.h"
+#include "slam/camera/rolling_shutter_estimator.h"
 #include "slam/marker_screening/marker_screening.h"
 #include "slam/options.h"
 #include "slam/tracking/frame_tracker.h"

@@ -83,11 +83,7 @@ std::optional<Transform> Mapper::collect(Map* map, Counters* counters) {
 // A new pose is as sure as the views that it comes from.
 void Mapper::pose(int marker_id, const Transform& T_w_m, const std::optional<Transform>& other,
                   Map* map) const {
-  MapMarker& marker = map->marker(marker_id);
-  marker.state = MarkerState::kMapped;
-  marker.T_w_m = T_w_m;
-  marker.other_T_w_m = other;
-  marker.covariance = markerCovariance(*map, marker_id, residual_sigma_);
+  map->place(marker_id, T_w_m, other, markerCovariance(*map, marker_id, T_w_m, residual_sigma_));
 }
 
 // Rules 1 and 2a: markers without a pose that this frame alone decides. One in quarantine has to
@@ -125,7 +121,7 @@ void Mapper::resolveAll(Map* map) {
 
 // Section 4.5 for one marker.
 void Mapper::resolve(int marker_id, Map* map, Counters* counters) const {
-  MapMarker& marker = map->marker(marker_id);
+  const MapMarker& marker = map->markers().at(marker_id);
   if (marker.T_w_m && !marker.other_T_w_m) return;  // decided
   const bool second_look = marker.T_w_m.has_value();
   const MarkerResolution found =
@@ -137,7 +133,7 @@ void Mapper::resolve(int marker_id, Map* map, Counters* counters) const {
     case ResolverVerdict::kContradictory:
       if (second_look) return;  // the poses' own gates deal with it
       // The oldest view may be from before it moved.
-      marker.state = MarkerState::kQuarantined;
+      map->quarantine(marker.id);
       map->removeViews(marker.id, map->viewsOf(marker.id).first(1));
       return;
     case ResolverVerdict::kResolved: {
@@ -171,7 +167,7 @@ void Mapper::fixWorld(Map* map) {
   if (markers_.origin_marker) {
     if (const MapMarker* origin = map->findPosed(*markers_.origin_marker)) {
       map->moveWorld(origin->T_w_m->inverse());
-      map->marker(origin->id).T_w_m = Transform{};  // exactly
+      map->place(origin->id, Transform{}, origin->other_T_w_m, origin->covariance);  // exactly
       world_fixed_ = true;
     }
     return;

@@ -55,10 +55,8 @@ class MapperTest : public ::testing::Test {
 
   // As the marker watch does.
   static void quarantine(int id, Map* map) {
-    MapMarker& marker = map->addMarker(id, kSize);
-    marker.state = MarkerState::kQuarantined;
-    marker.T_w_m.reset();
-    marker.other_T_w_m.reset();
+    map->addMarker(id, kSize);
+    map->quarantine(id);
     map->removeViews(id, map->viewsOf(id));
   }
 
@@ -192,10 +190,7 @@ TEST_F(MapperTest, AFlippedHypothesisIsMended) {
   ASSERT_NE(seen, nullptr);
   const auto square = estimateSquarePose(*seen, kSize, camera_.focalLength());
   ASSERT_TRUE(square);
-  MapMarker& marker = map.marker(5);
-  marker.state = MarkerState::kMapped;
-  marker.T_w_m = square->T_c_m[1];
-  marker.other_T_w_m = square->T_c_m[0];
+  map.place(5, square->T_c_m[1], square->T_c_m[0]);
   const double flip = rotationDistance(square->T_c_m[1].R, (T_v_w * truth(5)).R);
   ASSERT_GT(flip, 0.2);
   for (int i = 2; i < 10; ++i) (void)update(mapper.get(), frame(i), true, &map);
@@ -231,9 +226,7 @@ TEST_F(MapperTest, MarkersWithoutAPoseAreResolvedInTheEnd) {
   Map map;
   const auto mapper = begun(&map);
   for (int i = 1; i < 8; ++i) (void)update(mapper.get(), frame(i), true, &map);
-  MapMarker& marker = map.marker(5);
-  marker.state = MarkerState::kQuarantined;
-  marker.T_w_m.reset();
+  map.quarantine(5);
   const KeyframeId seen_by = map.viewsOf(5)[2];
   testing::displaceView(seen_by, 5, 20.0 / camera_.focalLength(), &map);
   const std::size_t views = map.viewsOf(5).size();

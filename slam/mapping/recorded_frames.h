@@ -8,11 +8,11 @@
 #include <span>
 #include <vector>
 
+#include "slam/camera/rolling_shutter_estimator.h"
 #include "slam/camera_pose/known_marker.h"
 #include "slam/geometry/camera_model.h"
 #include "slam/map/map.h"
 #include "slam/map/marker_options.h"
-#include "slam/mapping/rolling_shutter_estimator.h"
 #include "slam/marker_screening/marker_screening.h"
 #include "slam/tracking/tracker.h"
 

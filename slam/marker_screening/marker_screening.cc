@@ -6,16 +6,18 @@
 namespace waymark::slam {
 namespace {
 
-// Rejects or quarantines the marker: its pose goes, and its views.
-void dismiss(MapMarker* marker, MarkerState to, Map* map, Counters* counters) {
-  const bool rejected = to == MarkerState::kBanned;
-  // One that is estimated anew may turn out to be back where it was.
-  if (!rejected) marker->former_poses.push_back(*marker->T_w_m);
-  marker->state = to;
-  marker->T_w_m.reset();
-  marker->other_T_w_m.reset();
-  map->removeViews(marker->id, map->viewsOf(marker->id));
-  ++(rejected ? counters->refused_markers : counters->quarantined_markers);
+// The marker's pose goes, and its views.
+void ban(int marker_id, Map* map, Counters* counters) {
+  map->ban(marker_id);
+  map->removeViews(marker_id, map->viewsOf(marker_id));
+  ++counters->refused_markers;
+}
+
+// The same; but it is estimated anew, and may turn out to be back where it was.
+void quarantine(int marker_id, Map* map, Counters* counters) {
+  map->quarantine(marker_id);
+  map->removeViews(marker_id, map->viewsOf(marker_id));
+  ++counters->quarantined_markers;
 }
 
 }  // namespace
@@ -62,9 +64,8 @@ bool MarkerScreening::banDuplicates(Map* map, Counters* counters) {
   bool changed = false;
   for (const auto& [id, frames] : doubled_) {
     if (frames != options_.doubled_frames) continue;
-    MapMarker& marker = map->addMarker(id, markers_.sizeOf(id));
-    if (marker.state == MarkerState::kBanned) continue;
-    dismiss(&marker, MarkerState::kBanned, map, counters);
+    if (map->addMarker(id, markers_.sizeOf(id)).state == MarkerState::kBanned) continue;
+    ban(id, map, counters);
     changed = true;
   }
   return changed;
@@ -101,9 +102,9 @@ bool MarkerScreening::quarantineMoved(Map* map, Counters* counters) {
       ++it;
       continue;
     }
-    MapMarker& marker = map->marker(id);
-    const bool too_often = static_cast<int>(marker.former_poses.size()) >= options_.max_moves;
-    dismiss(&marker, too_often ? MarkerState::kBanned : MarkerState::kQuarantined, map, counters);
+    const std::size_t moves = map->find(id)->former_poses.size();
+    const bool too_often = static_cast<int>(moves) >= options_.max_moves;
+    (too_often ? ban : quarantine)(id, map, counters);
     changed = true;
     it = disagreements_.erase(it);
   }
@@ -111,7 +112,7 @@ bool MarkerScreening::quarantineMoved(Map* map, Counters* counters) {
 }
 
 void MarkerScreening::checkReturned(int marker_id, Map* map, Counters* counters) const {
-  MapMarker& marker = map->marker(marker_id);
+  const MapMarker& marker = map->markers().at(marker_id);
   if (!marker.T_w_m) return;
   // The last former pose is where it has just left; it may have been moved only a little.
   const auto last =
@@ -121,7 +122,7 @@ void MarkerScreening::checkReturned(int marker_id, Map* map, Counters* counters)
         return (former.p - marker.T_w_m->p).norm() < options_.same_place_m &&
                rotationDistance(former.R, marker.T_w_m->R) < options_.same_place_rad;
       });
-  if (returned) dismiss(&marker, MarkerState::kBanned, map, counters);
+  if (returned) ban(marker_id, map, counters);
 }
 
 }  // namespace waymark::slam

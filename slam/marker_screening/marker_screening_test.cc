@@ -39,9 +39,8 @@ class MarkerScreeningTest : public ::testing::Test {
 
   // A mapped marker with two views.
   void mapMarker(int id, const Transform& T_w_m) {
-    MapMarker& marker = map_.addMarker(id, 0.1);
-    marker.state = MarkerState::kMapped;
-    marker.T_w_m = T_w_m;
+    map_.addMarker(id, 0.1);
+    map_.place(id, T_w_m);
     for (int i = 0; i < 2; ++i) (void)map_.addKeyframe({-1, 0, 0, {}, {seen(id)}});
   }
 
@@ -53,8 +52,7 @@ class MarkerScreeningTest : public ::testing::Test {
     disagree(id);
     ASSERT_TRUE(screening_.quarantineMoved(&map_, &counters_));
     ASSERT_EQ(map_.find(id)->state, MarkerState::kQuarantined);
-    map_.marker(id).state = MarkerState::kMapped;
-    map_.marker(id).T_w_m = T_w_m;
+    map_.place(id, T_w_m);
     screening_.checkReturned(id, &map_, &counters_);
   }
 
@@ -67,7 +65,8 @@ class MarkerScreeningTest : public ::testing::Test {
 };
 
 TEST_F(MarkerScreeningTest, ScreensOutWhatCannotBeUsed) {
-  map_.addMarker(9, 0.1).state = MarkerState::kBanned;
+  map_.addMarker(9, 0.1);
+  map_.ban(9);
   const std::vector<MarkerDetection> detections = {
       seen(8), seen(3), seen(55), seen(9), seen(4, {8.0, 240.0}), seen(5, {320.0, 475.0}),
       seen(6), seen(2), seen(6),

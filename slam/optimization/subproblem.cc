@@ -137,16 +137,20 @@ MapCorrection correctionOf(const Subproblem& part, const BundleAdjuster& adjuste
 bool apply(const MapCorrection& correction, Map* map) {
   if (correction.epoch != map->epoch()) return false;
   for (const auto& [id, T_w_c] : correction.keyframes) {
-    if (map->keyframes().contains(id)) map->keyframePose(id) = T_w_c;
+    if (map->keyframes().contains(id)) map->setKeyframePose(id, T_w_c);
   }
   for (const auto& corrected : correction.markers) {
     const MapMarker* const known = map->findPosed(corrected.marker.id);
     if (known == nullptr || known->former_poses.size() != corrected.marker.former_poses) continue;
-    MapMarker& marker = map->marker(known->id);
-    marker.T_w_m = corrected.T_w_m;
-    marker.covariance = corrected.covariance;
+    map->place(known->id, corrected.T_w_m, known->other_T_w_m, corrected.covariance);
   }
   return true;
+}
+
+void removeOutliers(const MapCorrection& correction, Map* map) {
+  for (const auto& [keyframe, marker] : correction.outliers) {
+    map->removeViews(marker, {&keyframe, 1});
+  }
 }
 
 std::optional<Transform> applyAround(KeyframeId keyframe, const MapCorrection& correction,

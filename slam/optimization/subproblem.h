@@ -80,7 +80,10 @@ struct MapCorrection {
 // somewhere else by now, stays as it is. False, and nothing is done, when the map's coordinates are
 // not those of the part any more.
 bool apply(const MapCorrection& correction, Map* map);
-// The same; and what it did to a keyframe, T_new_old: the identity where the map has it no more.
+// The views that took no part in the end leave the map. Precondition: its keyframes are still
+// there.
+void removeOutliers(const MapCorrection& correction, Map* map);
+// As apply(); and what it did to a keyframe, T_new_old: the identity where the map has it no more.
 // Empty where nothing is done.
 std::optional<Transform> applyAround(KeyframeId keyframe, const MapCorrection& correction,
                                      Map* map);

@@ -92,9 +92,8 @@ inline Map trueMap(const CameraModel& camera, std::span<const Transform> views,
     keyframe.detections = observeAll(camera, T_w_c, markers, size_m, sigma_px, rng);
     for (const SyntheticMarker& marker : markers) {
       if (keyframe.find(marker.id) == nullptr) continue;
-      MapMarker& known = map.addMarker(marker.id, size_m);
-      known.state = MarkerState::kMapped;
-      known.T_w_m = marker.T_w_m;
+      map.addMarker(marker.id, size_m);
+      map.place(marker.id, marker.T_w_m);
     }
     (void)map.addKeyframe(std::move(keyframe));
   }

@@ -23,7 +23,8 @@ class LocalMarkersTest : public ::testing::Test {
     Keyframe keyframe;
     keyframe.T_w_c.p.x() = x_m;
     for (const int id : ids) {
-      map_.addMarker(id, 0.1).T_w_m = Transform{};
+      map_.addMarker(id, 0.1);
+      map_.place(id, Transform{});
       keyframe.detections.push_back(seen(id));
     }
     (void)map_.addKeyframe(std::move(keyframe));

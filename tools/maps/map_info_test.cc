@@ -18,13 +18,15 @@ TEST(MapInfo, OfASmallMap) {
   slam::Keyframe keyframe;
   keyframe.T_w_c = slam::testing::lookAt({0, 0, 0}, {0, 2, 0});
   for (const int id : {3, 7}) {
-    slam::MapMarker& marker = file.map.addMarker(id, 0.2);
-    marker.T_w_m = slam::testing::markerFacing({0.5 * (id - 5), 2, 0}, {0.5 * (id - 5), 0, 0});
-    marker.state = slam::MarkerState::kMapped;
+    const slam::Transform T_w_m =
+        slam::testing::markerFacing({0.5 * (id - 5), 2, 0}, {0.5 * (id - 5), 0, 0});
+    file.map.addMarker(id, 0.2);
+    file.map.place(id, T_w_m);
     keyframe.detections.push_back(
-        *slam::testing::observe(camera, keyframe.T_w_c, id, *marker.T_w_m, 0.2, 0.0, &rng));
+        *slam::testing::observe(camera, keyframe.T_w_c, id, T_w_m, 0.2, 0.0, &rng));
   }
-  file.map.addMarker(9, 0.1).state = slam::MarkerState::kBanned;
+  file.map.addMarker(9, 0.1);
+  file.map.ban(9);
   // One marker's pixels are off by (3, 4), the other's are exact.
   for (Eigen::Vector2d& pixel : keyframe.detections[1].pixels) pixel += Eigen::Vector2d(3, 4);
   file.map.addKeyframe(keyframe);

@@ -2,11 +2,13 @@
 
 #include <algorithm>
 #include <cmath>
+#include <map>
 #include <optional>
 #include <utility>
 
 #include "io/maps/old_map.h"
 #include "io/text/number_text.h"
+#include "slam/camera/undistort_map.h"
 #include "slam/geometry/align_points.h"
 
 namespace waymark::tools {
@@ -132,7 +134,7 @@ void mergeMarker(const slam::MapMarker& theirs, const std::vector<int>& disagree
   const int id = theirs.id;
   const slam::MapMarker* known = ours->find(id);
   if (known == nullptr) {
-    ours->addMarker(id, theirs.size_m) = theirs;
+    (void)ours->putMarker(theirs);
     return;
   }
   const auto trusted = [](slam::MarkerState state) {
@@ -143,7 +145,20 @@ void mergeMarker(const slam::MapMarker& theirs, const std::vector<int>& disagree
     dropViews(id, b);
   } else if (!known->T_w_m && theirs.T_w_m) {
     if (!trusted(known->state)) dropViews(id, ours);  // of where it hung before
-    ours->marker(id) = theirs;
+    (void)ours->putMarker(theirs);
+  }
+}
+
+// Behind ours, under new numbers. One that says nothing is left out.
+void addKeyframes(const slam::Map& theirs, slam::Map* ours) {
+  std::map<slam::KeyframeId, slam::KeyframeId> ours_of;
+  for (const auto& [id, keyframe] : theirs.keyframes()) {
+    slam::Keyframe renumbered = keyframe;
+    renumbered.id = -1;
+    std::erase_if(renumbered.links, [&](const auto& link) { return !ours_of.contains(link.to); });
+    for (slam::KeyframeLink& link : renumbered.links) link.to = ours_of.at(link.to);
+    if (renumbered.detections.empty() && renumbered.links.empty()) continue;
+    ours_of[id] = ours->addKeyframe(std::move(renumbered));
   }
 }
 
@@ -165,15 +180,11 @@ Result<MergeReport> mergeMaps(io::MapFile* a, const io::MapFile& b, const MergeO
     if (marker.T_w_m && a->map.findPosed(id) == nullptr) report->added.push_back(id);
     mergeMarker(marker, report->disagreeing, &a->map, &moved.map);
   }
-  for (const auto& [id, keyframe] : moved.map.keyframes()) {
-    slam::Keyframe renumbered = keyframe;
-    renumbered.id = -1;
-    if (!renumbered.detections.empty()) a->map.addKeyframe(std::move(renumbered));
-  }
+  addKeyframes(moved.map, &a->map);
   if (!a->camera) a->camera = moved.camera;
   if (a->readout_s == 0.0) a->readout_s = moved.readout_s;  // one camera, one shutter
   if (a->camera && a->readout_s != 0.0) {
-    a->map.undistortAgain(slam::CameraModel(*a->camera), a->readout_s);
+    slam::undistortAgain(slam::CameraModel(*a->camera), a->readout_s, &a->map);
   }
   a->has_checksum = a->has_checksum && b.has_checksum;
   return report;

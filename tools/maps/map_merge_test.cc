@@ -36,9 +36,8 @@ class Merge : public ::testing::Test {
     for (const SyntheticMarker& marker : wall_) {
       const int column = marker.id % 8;
       if (column < first_column || column > last_column) continue;
-      slam::MapMarker& mapped = file.map.addMarker(marker.id, kSize_m);
-      mapped.T_w_m = marker.T_w_m;
-      mapped.state = slam::MarkerState::kMapped;
+      file.map.addMarker(marker.id, kSize_m);
+      file.map.place(marker.id, marker.T_w_m);
       seen.push_back(marker);
     }
     const slam::CameraModel camera(*file.camera);
@@ -55,8 +54,10 @@ class Merge : public ::testing::Test {
     return file;
   }
 
-  void shift(io::MapFile* file, int id, double by_m) {
-    file->map.marker(id).T_w_m->p += Eigen::Vector3d(by_m, 0.0, 0.0);
+  static void shift(io::MapFile* file, int id, const Eigen::Vector3d& by_m) {
+    Transform T_w_m = *file->map.find(id)->T_w_m;
+    T_w_m.p += by_m;
+    file->map.place(id, T_w_m);
   }
 
   std::mt19937 rng_{11};
@@ -82,14 +83,14 @@ TEST_F(Merge, JoinsByTheSharedMarkers) {
   EXPECT_EQ(a_.map.keyframes().rbegin()->first, 7);
   EXPECT_EQ(a_.map.viewsOf(3).size(), a_.map.viewsOf(4).size());
   // And the keyframes of both are of use together: a marker put wrong is put right.
-  a_.map.marker(7).T_w_m->p.y() += 0.01;
+  shift(&a_, 7, {0.0, 0.01, 0.0});
   slam::optimizeGlobally(&a_.map, {.size_m = kSize_m}, {.max_iterations = 30});
   EXPECT_LT((a_.map.find(7)->T_w_m->p - wall_[7].T_w_m.p).norm(), 0.003);
 }
 
 TEST_F(Merge, MarkersThatMovedAreNamed) {
-  shift(&b_, 11, 0.4);
-  shift(&b_, 28, -0.3);
+  shift(&b_, 11, {0.4, 0.0, 0.0});
+  shift(&b_, 28, {-0.3, 0.0, 0.0});
   const auto report = mergeMaps(&a_, b_, {});
   ASSERT_TRUE(report) << report.error().message;
   EXPECT_EQ(report->disagreeing, (std::vector<int>{11, 28}));
@@ -100,8 +101,25 @@ TEST_F(Merge, MarkersThatMovedAreNamed) {
   EXPECT_FALSE(a_.map.viewsOf(11).empty());
 }
 
+TEST_F(Merge, LinksFollowTheirKeyframes) {
+  const Transform T_3_1{slam::expSo3({0.1, 0.0, 0.0}), {0.3, 0.0, 0.0}};
+  b_.map.addLink(3, {1, T_3_1, slam::Matrix6d::Identity()});
+  slam::Keyframe bridge;  // sees no marker
+  bridge.links = {{3, {}, slam::Matrix6d::Identity()}};
+  (void)b_.map.addKeyframe(bridge);
+  (void)b_.map.addKeyframe({});
+  ASSERT_TRUE(mergeMaps(&a_, b_, {}));
+  ASSERT_EQ(a_.map.keyframes().size(), 9U) << "one that says nothing is left out";
+  const auto& links = a_.map.keyframes().at(7).links;
+  ASSERT_EQ(links.size(), 1U);
+  EXPECT_EQ(links[0].to, 5);
+  EXPECT_EQ(links[0].T_this_to.p, T_3_1.p) << "whatever the world";
+  ASSERT_EQ(a_.map.keyframes().at(8).links.size(), 1U);
+  EXPECT_EQ(a_.map.keyframes().at(8).links[0].to, 7);
+}
+
 TEST_F(Merge, TooFewThatAgree) {
-  for (const int id : {3, 4, 11, 12, 19}) shift(&b_, id, 0.2 + 0.1 * id);
+  for (const int id : {3, 4, 11, 12, 19}) shift(&b_, id, {0.2 + 0.1 * id, 0.0, 0.0});
   const slam::Map before = a_.map;
   const auto report = mergeMaps(&a_, b_, {});
   ASSERT_FALSE(report);
@@ -120,7 +138,9 @@ TEST_F(Merge, NothingShared) {
 }
 
 TEST_F(Merge, DifferentMarkers) {
-  b_.map.marker(4).size_m = 0.3;
+  slam::MapMarker larger = *b_.map.find(4);
+  larger.size_m = 0.3;
+  ASSERT_TRUE(b_.map.putMarker(larger));
   EXPECT_EQ(mergeMaps(&a_, b_, {}).error().message,
             "marker 4 has a side of 0.2 m in one map, 0.3 m in the other");
   b_.map.dictionary = "5X5_50";
@@ -136,12 +156,9 @@ TEST_F(Merge, AnotherCamera) {
 
 TEST_F(Merge, StatesOfMarkers) {
   // Rejected here: stays so. Rejected there: its views are not wanted. Unknown here: theirs.
-  a_.map.marker(3).state = slam::MarkerState::kBanned;
-  a_.map.marker(3).T_w_m.reset();
-  b_.map.marker(4).state = slam::MarkerState::kBanned;
-  b_.map.marker(4).T_w_m.reset();
-  a_.map.marker(12).state = slam::MarkerState::kUnresolved;
-  a_.map.marker(12).T_w_m.reset();
+  a_.map.ban(3);
+  b_.map.ban(4);
+  ASSERT_TRUE(a_.map.putMarker({.id = 12, .size_m = kSize_m}));
   const auto report = mergeMaps(&a_, b_, {});
   ASSERT_TRUE(report) << report.error().message;
   EXPECT_EQ(a_.map.find(3)->state, slam::MarkerState::kBanned);

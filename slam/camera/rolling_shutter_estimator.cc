@@ -1,4 +1,7 @@
-#include "slam/mapping/rolling_shutter_estimator.h"
+#include "slam/camera/rolling_shutter_estimator.h"
+
+#include "slam/camera/undistort_map.h"
+#include "slam/optimization/map_optimizer.h"
 
 namespace waymark::slam {
 namespace {
@@ -67,7 +70,7 @@ bool RollingShutterEstimator::adopt(const CameraModel& camera, Map* map) {
   estimate_.reset();
   if (!found || !believable(found->readout_s, found->sigma_s, seconds_, shutter_)) return false;
   seconds_ = found->readout_s;
-  map->undistortAgain(camera, seconds_);
+  undistortAgain(camera, seconds_, map);
   return true;
 }
 

@@ -1,9 +1,11 @@
-#include "slam/rolling_shutter/rolling_shutter.h"
+#include "slam/camera/rolling_shutter.h"
 
 #include <random>
 
 #include <gtest/gtest.h>
 
+#include "slam/camera/readout_estimate.h"
+#include "slam/camera/undistort_map.h"
 #include "slam/map/map.h"
 #include "slam/optimization/map_optimizer.h"
 #include "slam/testing/synthetic.h"
@@ -50,7 +52,10 @@ class RollingShutterTest : public ::testing::Test {
   // A map of the truth, but with corners as the shutter skewed them.
   Map mapSeenRolling(double speed, double sigma_px) {
     Map map;
-    for (const auto& marker : markers_) map.addMarker(marker.id, kSize).T_w_m = marker.T_w_m;
+    for (const auto& marker : markers_) {
+      map.addMarker(marker.id, kSize);
+      map.place(marker.id, marker.T_w_m);
+    }
     std::uniform_real_distribution<double> u(-speed, speed);
     for (int i = 0; i < 14; ++i) {
       Keyframe keyframe;
@@ -129,7 +134,7 @@ TEST_F(RollingShutterTest, TheReadoutTimeIsFoundWithTheMap) {
   EXPECT_LT(found->sigma_s, 0.001);
   EXPECT_TRUE(believable(found->readout_s, found->sigma_s, 0.0, {}));
   // Corrected with what was found, nothing is left to find.
-  map.undistortAgain(camera_, found->readout_s);
+  undistortAgain(camera_, found->readout_s, &map);
   (void)optimizeGlobally(&map, options_, bundle_);
   const auto again = estimate(map, found->readout_s, kAll);
   ASSERT_TRUE(again);

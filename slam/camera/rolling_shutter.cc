@@ -1,4 +1,4 @@
-#include "slam/rolling_shutter/rolling_shutter.h"
+#include "slam/camera/rolling_shutter.h"
 
 #include <algorithm>
 #include <cmath>

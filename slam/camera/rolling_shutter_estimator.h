@@ -6,11 +6,12 @@
 #include <vector>
 
 #include "base/task.h"
+#include "slam/camera/readout_estimate.h"
+#include "slam/camera/rolling_shutter.h"
 #include "slam/geometry/camera_model.h"
 #include "slam/map/map.h"
 #include "slam/map/marker_options.h"
-#include "slam/optimization/map_optimizer.h"
-#include "slam/rolling_shutter/rolling_shutter.h"
+#include "slam/optimization/subproblem.h"
 
 namespace waymark::slam {
 

@@ -1,7 +1,8 @@
 // Rolling shutters: the rows of an image are read one after the other, so a moving camera sees each
 // marker at a time of its own. Corners are moved to where the middle row's time would have shown
 // them. The readout time itself is learned: it is one more unknown of an optimization of the
-// newest keyframes (map_optimizer.h). Beyond seed 1, which takes every camera for a global shutter.
+// newest keyframes (readout_estimate.h). Beyond seed 1, which takes every camera for a global
+// shutter.
 #pragma once
 
 #include <array>

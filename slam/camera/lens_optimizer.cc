@@ -1,0 +1,35 @@
+#include "slam/camera/lens_optimizer.h"
+
+#include <utility>
+
+#include "slam/camera/undistort_map.h"
+#include "slam/optimization/subproblem.h"
+
+namespace waymark::slam {
+
+IntrinsicVector IntrinsicPriors::sigmas() const {
+  IntrinsicVector sigmas;
+  sigmas << focal_px, focal_px, centre_px, centre_px, distortion, distortion, distortion,
+      distortion, distortion;
+  return sigmas;
+}
+
+BundleSummary optimizeGloballyWithIntrinsics(Map* map, const MarkerOptions& markers,
+                                             const IntrinsicVector& expected,
+                                             const IntrinsicPriors& priors, double readout_s,
+                                             const BundleOptions& options, CameraModel* camera) {
+  Subproblem part =
+      runToCompletion([&](Budget* a) { return buildSubproblem(*map, wholeMap(*map), markers, a); });
+  part.problem.lens = {*camera, *camera, expected, priors.sigmas()};
+  BundleAdjuster adjuster(std::move(part.problem), options);
+  const BundleSummary summary = runToCompletion([&](Budget* a) { return adjuster.run(a); });
+  const MapCorrection correction = correctionOf(part, adjuster);
+  (void)apply(correction, map);
+  removeOutliers(correction, map);
+  if (summary.failed) return summary;
+  *camera = adjuster.problem().lens->camera;
+  undistortAgain(*camera, readout_s, map);
+  return summary;
+}
+
+}  // namespace waymark::slam

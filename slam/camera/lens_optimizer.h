@@ -1,0 +1,28 @@
+// The lens among the unknowns of the global optimization (seed 1, section 4.10, Eq. 41).
+#pragma once
+
+#include "slam/geometry/camera_model.h"
+#include "slam/map/map.h"
+#include "slam/map/marker_options.h"
+#include "slam/optimization/bundle_adjuster.h"
+
+namespace waymark::slam {
+
+// How well a calibration is known, as sigmas; 0 keeps a parameter fixed.
+struct IntrinsicPriors {
+  double focal_px = 3.0;
+  double centre_px = 3.0;
+  double distortion = 0.01;  // of every coefficient
+
+  [[nodiscard]] IntrinsicVector sigmas() const;
+};
+
+// As optimizeGlobally(), with the intrinsics as unknowns (Eq. 41), expected where the calibration
+// has them. On success *camera, which undistorted the map's corners, is the better lens, and
+// undistorts them anew.
+BundleSummary optimizeGloballyWithIntrinsics(Map* map, const MarkerOptions& markers,
+                                             const IntrinsicVector& expected,
+                                             const IntrinsicPriors& priors, double readout_s,
+                                             const BundleOptions& options, CameraModel* camera);
+
+}  // namespace waymark::slam

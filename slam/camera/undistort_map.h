@@ -1,0 +1,13 @@
+// A map after the camera has turned out to be another one.
+#pragma once
+
+#include "slam/geometry/camera_model.h"
+#include "slam/map/map.h"
+
+namespace waymark::slam {
+
+// The detections' normalized corners follow from their pixels anew, with this lens and this
+// shutter. One that the lens cannot have seen leaves its keyframe.
+void undistortAgain(const CameraModel& camera, double readout_s, Map* map);
+
+}  // namespace waymark::slam
