@@ -19,6 +19,7 @@
 #include "slam/mapping/recorded_frames.h"
 #include "slam/options.h"
 #include "slam/pose_estimate.h"
+#include "slam/stages.h"
 
 namespace waymark::slam {
 
@@ -38,16 +39,6 @@ struct FrameResult {
   bool keyframe_added = false;
   // Valid until the next call.
   std::span<const MarkerDetection> detections;
-};
-
-// The caller's stopwatch: the SLAM has no clock of its own, so it says when a stage begins and
-// ends.
-enum class Stage { kDetect, kTrack, kMap };
-class StageObserver {
- public:
-  virtual ~StageObserver() = default;
-  virtual void begin(Stage stage) = 0;
-  virtual void end(Stage stage) = 0;
 };
 
 class Slam {
