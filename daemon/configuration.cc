@@ -49,8 +49,9 @@ io::Setting cpusSetting(const std::string& key, std::vector<int>& target) {
   });
 }
 
-// Every key there is.
-std::vector<io::Setting> settings(Configuration& c) {
+}  // namespace
+
+std::vector<io::Setting> configurationKeys(Configuration& c) {
   using namespace io;
   constexpr std::int64_t kMaxSeed = std::numeric_limits<std::int64_t>::max();
   Configuration::Simulator& simulator = c.camera.simulator;
@@ -107,6 +108,8 @@ std::vector<io::Setting> settings(Configuration& c) {
   std::ranges::move(slamSettingKeys(c.slam), std::back_inserter(all));
   return all;
 }
+
+namespace {
 
 bool simulated(const Configuration& c) { return c.camera.source.starts_with("sim:"); }
 
@@ -166,7 +169,7 @@ void resolvePaths(const fs::path& file, Configuration& c) {
 Result<Configuration> parseConfiguration(const std::string& text, const fs::path& file) {
   Configuration configuration;
   configuration.text = text;
-  if (const Status read = io::readSettings(text, file, settings(configuration)); !read) {
+  if (const Status read = io::readSettings(text, file, configurationKeys(configuration)); !read) {
     return read.error();
   }
   if (const Status together = checkTogether(configuration, file); !together) {

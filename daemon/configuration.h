@@ -4,12 +4,14 @@
 #include <cstdint>
 #include <filesystem>
 #include <string>
+#include <vector>
 
 #include "base/result.h"
 #include "capture/camera_options.h"
 #include "daemon/publish/body_motion.h"
 #include "daemon/system/log.h"
 #include "daemon/system/realtime.h"
+#include "io/settings/settings_file.h"
 #include "io/settings/slam_settings.h"
 #include "slam/geometry/calibration_fit.h"
 
@@ -96,5 +98,8 @@ struct Configuration {
 // The same from text; `file` names it in errors and anchors relative paths.
 [[nodiscard]] Result<Configuration> parseConfiguration(const std::string& text,
                                                        const std::filesystem::path& file);
+
+// Every key there is; `target` must outlive them.
+[[nodiscard]] std::vector<io::Setting> configurationKeys(Configuration& target);
 
 }  // namespace waymark::daemon

@@ -4,6 +4,8 @@
 #include <iterator>
 #include <map>
 #include <regex>
+#include <set>
+#include <sstream>
 #include <string>
 #include <vector>
 
@@ -77,6 +79,9 @@ TEST(Configuration, TheExampleWithEverythingUncommentedChangesNoDefault) {
   EXPECT_EQ(o.detector.scanner.quads.min_side_px, e.detector.scanner.quads.min_side_px);
   EXPECT_EQ(o.detector.edges.fit.min_contrast, e.detector.edges.fit.min_contrast);
   EXPECT_EQ(o.detector.decoder.max_wrong_bits, e.detector.decoder.max_wrong_bits);
+  EXPECT_EQ(o.follower.enabled, e.follower.enabled);
+  EXPECT_EQ(o.follower.schedule.round_s, e.follower.schedule.round_s);
+  EXPECT_EQ(o.work_per_frame, e.work_per_frame);
   EXPECT_EQ(o.initialization.ambiguity_ratio, e.initialization.ambiguity_ratio);
   EXPECT_EQ(o.tracking.pose.marker_chi2, e.tracking.pose.marker_chi2);
   EXPECT_EQ(o.tracking.pose.max_rms_px, e.tracking.pose.max_rms_px);
@@ -97,6 +102,63 @@ TEST(Configuration, TheExampleWithEverythingUncommentedChangesNoDefault) {
   EXPECT_EQ(c->publish.pose_channel, d.publish.pose_channel);
   EXPECT_EQ(c->publish.detections, d.publish.detections);
   EXPECT_EQ(c->log.level, d.log.level);
+}
+
+// Every key of the example, commented out or not, with its section.
+std::set<std::string> exampleKeys() {
+  const std::regex section(R"(#? *\[\[?([a-z_.]+)\]\]?.*)");
+  const std::regex key(R"(#? *([a-z_.0-9]+) = .*)");
+  std::set<std::string> keys;
+  std::istringstream text(readFile(WAYMARK_EXAMPLE_CONFIGURATION));
+  std::string prefix;
+  std::smatch found;
+  for (std::string line; std::getline(text, line);) {
+    if (std::regex_match(line, found, section)) prefix = found[1].str() + ".";
+    if (std::regex_match(line, found, key)) keys.insert(prefix + found[1].str());
+  }
+  return keys;
+}
+
+// Those of lists of sections with their section.
+std::set<std::string> parserKeys() {
+  Configuration configuration;
+  std::set<std::string> keys;
+  for (const io::Setting& setting : configurationKeys(configuration)) {
+    if (!setting.renamed_to.empty()) continue;
+    if (!setting.element) keys.insert(setting.key);
+    if (!setting.element) continue;
+    for (const io::Setting& of_element : setting.element()) {
+      keys.insert(setting.key + "." + of_element.key);
+    }
+  }
+  return keys;
+}
+
+TEST(Configuration, TheExampleHasEveryKeyOfTheParserAndNoOther) {
+  const std::string controls = "camera.controls";  // a section whose keys the camera knows
+  std::set<std::string> example;
+  for (const std::string& key : exampleKeys()) {
+    example.insert(key.starts_with(controls + ".") ? controls : key);
+  }
+  const std::set<std::string> parser = parserKeys();
+  for (const std::string& key : parser) EXPECT_TRUE(example.contains(key)) << key;
+  for (const std::string& key : example) EXPECT_TRUE(parser.contains(key)) << key;
+}
+
+TEST(Configuration, RenamedKeysLeadToKeysThereAre) {
+  const std::set<std::string> parser = parserKeys();
+  Configuration configuration;
+  int renamed = 0;
+  for (const io::Setting& setting : configurationKeys(configuration)) {
+    if (setting.renamed_to.empty()) continue;
+    ++renamed;
+    EXPECT_TRUE(parser.contains(setting.renamed_to)) << setting.renamed_to;
+    EXPECT_FALSE(parser.contains(setting.key)) << setting.key;
+  }
+  EXPECT_GT(renamed, 0);
+  EXPECT_EQ(errorOf(kCamera + kSlam + "[slam.keyframes]\nmin_baseline_m = 0.1\n"),
+            "/etc/w.toml:7:1: slam.keyframes.min_baseline_m is now "
+            "slam.mapper.keyframes.min_baseline_m");
 }
 
 TEST(Configuration, ReadsEveryKindOfValue) {

@@ -14,7 +14,7 @@
 #include "slam/mapping/recorded_frames.h"
 #include "slam/options.h"
 #include "slam/pose_estimate.h"
-#include "slam/stage_observer.h"
+#include "slam/stages.h"
 
 namespace waymark::slam {
 

@@ -165,9 +165,9 @@ std::string RunRecord::statistics(const slam::Slam& slam, const StageTimer& time
   json["reprojection_rms_px"] =
       localized_ > 0 ? Json(std::sqrt(squares_px2 / static_cast<double>(localized_))) : none;
   Json others = Json::object();  // than those above
-  slam::forEachCounter(counters, [&](const char* name, std::uint64_t value) {
-    if (!json.contains(name)) others[name] = value;
-  });
+  for (const slam::NamedCounter& counter : slam::kCounters) {
+    if (!json.contains(counter.name)) others[counter.name] = counters.*counter.value;
+  }
   others["dropped_late"] = dropped_late;
   json["counters"] = std::move(others);
   json["timing"] = timer.json();

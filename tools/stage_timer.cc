@@ -12,8 +12,6 @@
 namespace waymark::tools {
 namespace {
 
-constexpr std::array<const char*, 3> kStageNames = {"detect", "track", "map"};
-
 nlohmann::ordered_json toJson(const std::vector<double>& times_ms) {
   const TimeSummary s = summarize(times_ms);
   return {{"mean", s.mean}, {"median", s.median}, {"p99", s.p99}, {"p999", s.p999}, {"max", s.max}};
@@ -69,7 +67,7 @@ nlohmann::ordered_json StageTimer::json() const {
     json[name] = {{"wall_ms", toJson(watch.wall_ms)}, {"cpu_ms", toJson(watch.cpu_ms)}};
   };
   add("total", total_);
-  for (std::size_t i = 0; i < stages_.size(); ++i) add(kStageNames[i], stages_[i]);
+  for (std::size_t i = 0; i < stages_.size(); ++i) add(slam::kStages[i].name, stages_[i]);
   return json;
 }
 

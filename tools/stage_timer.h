@@ -7,7 +7,7 @@
 
 #include <nlohmann/json_fwd.hpp>
 
-#include "slam/slam.h"
+#include "slam/stages.h"
 
 namespace waymark::tools {
 
@@ -53,7 +53,7 @@ class StageTimer final : public slam::StageObserver {
   static void store(Watch& watch);
 
   Watch total_;
-  std::array<Watch, 3> stages_;  // in the order of slam::Stage
+  std::array<Watch, slam::kStages.size()> stages_;
   double total_wall_ms_ = 0.0;
 };
 

@@ -3,6 +3,7 @@
 #pragma once
 
 #include <array>
+#include <cstddef>
 #include <cstdint>
 #include <optional>
 #include <vector>
@@ -30,8 +31,8 @@ struct FrameRecord {
   slam::NoPoseReason reason = slam::NoPoseReason::kNone;
   std::optional<slam::PoseEstimate> pose;
   std::int64_t processing_ns = 0;  // from leaving the queue to this record
-  // What took longest, when processing took longer than the time between frames.
-  std::optional<FrameStage> missed_deadline_in;
+  // What of kFrameStages took longest, when processing took longer than the time between frames.
+  std::optional<std::size_t> missed_deadline_in;
   slam::Counters counters;  // as they stood after this frame
 
   int seen = 0;  // may be larger than kMaxSeen; then the rest is not in `markers`

@@ -1,23 +1,10 @@
 #include "daemon/frames/slam_loop.h"
 
 #include <algorithm>
-#include <array>
-#include <bit>
 
 #include "base/clock.h"
 
 namespace waymark::daemon {
-namespace {
-
-slam::Counters sum(const slam::Counters& a, const slam::Counters& b) {
-  using Values = std::array<std::uint64_t, sizeof(slam::Counters) / sizeof(std::uint64_t)>;
-  auto total = std::bit_cast<Values>(a);
-  const auto more = std::bit_cast<Values>(b);
-  for (std::size_t i = 0; i < total.size(); ++i) total[i] += more[i];
-  return std::bit_cast<slam::Counters>(total);
-}
-
-}  // namespace
 
 SlamLoop::SlamLoop(std::unique_ptr<slam::Slam> slam, FrameQueue& frames, const CameraStatus& camera,
                    SlamRequests& requests, SlamOutput& output, const Options& options)
@@ -59,7 +46,7 @@ void SlamLoop::serveRequest() {
   next_map_ns_ = 0;
 }
 
-slam::Counters SlamLoop::counters() const { return sum(earlier_, slam_->counters()); }
+slam::Counters SlamLoop::counters() const { return earlier_ + slam_->counters(); }
 
 void SlamLoop::countMapChange() {
   map_changed_ = true;

@@ -7,13 +7,18 @@
 #include <cstdint>
 
 #include "base/clock.h"
-#include "slam/slam.h"
+#include "slam/stages.h"
 
 namespace waymark::daemon {
 
-// The stages of slam::Stage, in their order, and what belongs to none of them.
-enum class FrameStage : std::uint8_t { kDetect, kTrack, kMap, kOther };
-inline constexpr std::array kFrameStageNames = {"detect", "track", "map", "other"};
+// The stages of the SLAM, by their number, and then what belongs to none of them.
+inline constexpr std::size_t kOtherStage = slam::kStages.size();
+inline constexpr auto kFrameStages = [] {
+  std::array<slam::NamedStage, kOtherStage + 1> stages{};
+  std::ranges::copy(slam::kStages, stages.begin());
+  stages[kOtherStage] = {"other", "none of these"};
+  return stages;
+}();
 
 // For one thread; one frame after the other.
 class StageClock final : public slam::StageObserver {
@@ -31,17 +36,17 @@ class StageClock final : public slam::StageObserver {
     const std::int64_t total_ns = monotonicNs() - frame_began_ns_;
     std::int64_t stages_ns = 0;
     for (const std::int64_t spent_ns : spent_ns_) stages_ns += spent_ns;
-    spent_ns_[static_cast<std::size_t>(FrameStage::kOther)] = total_ns - stages_ns;
+    spent_ns_[kOtherStage] = total_ns - stages_ns;
     return total_ns;
   }
 
-  // After endFrame().
-  [[nodiscard]] FrameStage longest() const {
-    return static_cast<FrameStage>(std::ranges::max_element(spent_ns_) - spent_ns_.begin());
+  // After endFrame(): of kFrameStages.
+  [[nodiscard]] std::size_t longest() const {
+    return static_cast<std::size_t>(std::ranges::max_element(spent_ns_) - spent_ns_.begin());
   }
 
  private:
-  std::array<std::int64_t, kFrameStageNames.size()> spent_ns_{};
+  std::array<std::int64_t, kFrameStages.size()> spent_ns_{};
   std::int64_t frame_began_ns_ = 0;
   std::int64_t began_ns_ = 0;
 };

@@ -73,7 +73,7 @@ void Publisher::run() {
 void Publisher::publishFrame() {
   if (record_.pose) last_pose_ns_ = record_.stamp.monotonic_ns;
   if (record_.missed_deadline_in) {
-    ++deadlines_missed_[static_cast<std::size_t>(*record_.missed_deadline_in)];
+    ++deadlines_missed_[*record_.missed_deadline_in];
   }
 
   const std::int8_t status_before = pose_.status;
@@ -160,12 +160,13 @@ void Publisher::fillCounters() {
   addCounter("camera.silences", camera_.silences());
   addCounter("camera.options_refused", camera_.rejected());
   addCounter("dropped.queue", frames_.dropped());
-  slam::forEachCounter(record_.counters, [this](const char* name, std::uint64_t value) {
-    addCounter(std::string("slam.") + name, value);
-  });
+  for (const slam::NamedCounter& counter : slam::kCounters) {
+    addCounter(std::string("slam.") + counter.name, record_.counters.*counter.value);
+  }
   addCounter("deadline.missed", std::reduce(deadlines_missed_.begin(), deadlines_missed_.end()));
   for (std::size_t stage = 0; stage < deadlines_missed_.size(); ++stage) {
-    addCounter(std::string("deadline.missed_") + kFrameStageNames[stage], deadlines_missed_[stage]);
+    addCounter(std::string("deadline.missed_") + kFrameStages[stage].name,
+               deadlines_missed_[stage]);
   }
   addCounter("dropped.publisher", input_.records_lost.load(std::memory_order_relaxed));
   addCounter("dropped.unsent", poses_unsent_);

@@ -97,10 +97,10 @@ class Publisher {
   BodyMotion body_;
   FrameStatistics statistics_;
   Unsent unsent_;
-  std::uint64_t poses_sent_ = 0;                                           // of frames
-  std::uint64_t poses_unsent_ = 0;                                         // of frames
-  std::array<std::uint64_t, kFrameStageNames.size()> deadlines_missed_{};  // by the longest stage
-  std::optional<std::int64_t> last_pose_ns_;                               // monotonic
+  std::uint64_t poses_sent_ = 0;                                       // of frames
+  std::uint64_t poses_unsent_ = 0;                                     // of frames
+  std::array<std::uint64_t, kFrameStages.size()> deadlines_missed_{};  // by the longest stage
+  std::optional<std::int64_t> last_pose_ns_;                           // monotonic
   std::int64_t map_revision_ = 0;
 
   CameraStatus::Report camera_report_{CameraState::kOpening, "the camera is being opened"};

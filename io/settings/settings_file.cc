@@ -88,6 +88,10 @@ class SettingsReader {
       const std::string key = prefix + std::string(key_token.str());
       if (const auto setting = std::ranges::find(settings_, key, &Setting::key);
           setting != settings_.end()) {
+        if (!setting->renamed_to.empty()) {
+          return at(file_, key_token.source().begin,
+                    where_ + key + " is now " + where_ + setting->renamed_to);
+        }
         if (Status read = readSetting(*setting, node); !read) return read;
       } else if (!isSection(key)) {
         return at(file_, key_token.source().begin, where_ + key + ": unknown key");
@@ -181,6 +185,13 @@ std::optional<toml::source_position> manyDotsAt(std::string_view text) {
 
 Setting required(Setting setting) {
   setting.required = true;
+  return setting;
+}
+
+Setting renamedSetting(std::string old_key, std::string key) {
+  Setting setting;
+  setting.key = std::move(old_key);
+  setting.renamed_to = std::move(key);
   return setting;
 }
 

@@ -31,9 +31,12 @@ struct Setting {
   // A list of sections ([[key]]): begins the next element and says which keys it has. Where this is
   // set, `read` is not.
   std::function<std::vector<Setting>()> element = nullptr;
+  // A key of old files that has this name by now: an error that says so. `read` is not set.
+  std::string renamed_to = "";
 };
 
 [[nodiscard]] Setting required(Setting setting);
+[[nodiscard]] Setting renamedSetting(std::string old_key, std::string key);
 
 // Text in quotes, not empty; `object` may have more to say about it.
 using TextCheck = std::function<ValidationError(const std::string&)>;
@@ -89,8 +92,8 @@ template <typename Value>
 }
 
 // Gives every key of the text to its setting. Syntax errors, unknown keys, wrong types, impossible
-// values and missing keys are errors: "FILE:LINE:COLUMN: KEY: reason". What is in one of the
-// top-level sections `others` is somebody else's and passed over.
+// values, missing and renamed keys are errors: "FILE:LINE:COLUMN: KEY: reason". What is in one of
+// the top-level sections `others` is somebody else's and passed over.
 [[nodiscard]] Status readSettings(const std::string& text, const std::filesystem::path& file,
                                   std::span<const Setting> settings,
                                   std::span<const std::string_view> others = {});

@@ -61,6 +61,68 @@ std::vector<Setting> markerKeys(slam::MarkerOptions& markers) {
   };
 }
 
+std::vector<Setting> detectionKeys(slam::Options& o) {
+  slam::DetectorOptions& detector = o.detector;
+  return {
+      numberSetting("slam.detector.scanner.quads.min_side_px", detector.scanner.quads.min_side_px,
+                    4.0, 1000.0, "px"),
+      numberSetting("slam.detector.edges.fit.min_contrast", detector.edges.fit.min_contrast, 1.0,
+                    255.0, "grey levels"),
+      integerSetting("slam.detector.decoder.max_wrong_bits", detector.decoder.max_wrong_bits, 0, 8),
+      flagSetting("slam.follower.enabled", o.follower.enabled),
+      numberSetting("slam.follower.schedule.round_s", o.follower.schedule.round_s, 0.01, 10.0, "s"),
+  };
+}
+
+std::vector<Setting> trackingKeys(slam::TrackerOptions& tracking) {
+  return {
+      numberSetting("slam.tracking.pose.marker_chi2", tracking.pose.marker_chi2, 1.0, 1e6, ""),
+      numberSetting("slam.tracking.pose.max_rms_px", tracking.pose.max_rms_px, 0.1, 100.0, "px"),
+      numberSetting("slam.tracking.motion.max_extrapolation_s", tracking.motion.max_extrapolation_s,
+                    0.0, 10.0, "s"),
+      numberSetting("slam.tracking.relocalization.ambiguity_ratio",
+                    tracking.relocalization.ambiguity_ratio, 1.0, 1000.0, ""),
+  };
+}
+
+std::vector<Setting> mapperKeys(slam::MapperOptions& mapper) {
+  slam::KeyframeOptions& keyframes = mapper.keyframes;
+  return {
+      numberSetting("slam.mapper.keyframes.min_baseline_m", keyframes.min_baseline_m, 1e-4, 100.0,
+                    "m"),
+      numberSetting("slam.mapper.keyframes.min_baseline_per_depth",
+                    keyframes.min_baseline_per_depth, 0.0, 10.0, ""),
+      numberSetting("slam.mapper.keyframes.min_rotation_rad", keyframes.min_rotation_rad, 1e-3, 3.0,
+                    "rad"),
+      integerSetting("slam.mapper.keyframes.views_per_marker", keyframes.views_per_marker, 2, 1000),
+      integerSetting("slam.mapper.marker_pose.min_views", mapper.marker_pose.min_views, 2, 100),
+      numberSetting("slam.mapper.marker_pose.ambiguity_ratio", mapper.marker_pose.ambiguity_ratio,
+                    1.0, 1000.0, ""),
+      integerSetting("slam.mapper.local_optimization.max_iterations",
+                     mapper.local_optimization.max_iterations, 1, 100),
+  };
+}
+
+// Keys that files written before had in another place, and where they are now.
+constexpr std::array<std::pair<std::string_view, std::string_view>, 16> kRenamed = {{
+    {"slam.detector.scanner.min_side_px", "slam.detector.scanner.quads.min_side_px"},
+    {"slam.follower.turns.round_s", "slam.follower.schedule.round_s"},
+    {"slam.initialisation.ambiguity_ratio", "slam.initialization.ambiguity_ratio"},
+    {"slam.tracking.marker_chi2", "slam.tracking.pose.marker_chi2"},
+    {"slam.tracking.worst_rms_px", "slam.tracking.pose.max_rms_px"},
+    {"slam.motion.max_extrapolation_s", "slam.tracking.motion.max_extrapolation_s"},
+    {"slam.relocalisation.ambiguity_ratio", "slam.tracking.relocalization.ambiguity_ratio"},
+    {"slam.relocalization.ambiguity_ratio", "slam.tracking.relocalization.ambiguity_ratio"},
+    {"slam.keyframes.min_baseline_m", "slam.mapper.keyframes.min_baseline_m"},
+    {"slam.keyframes.min_baseline_per_depth", "slam.mapper.keyframes.min_baseline_per_depth"},
+    {"slam.keyframes.min_rotation_rad", "slam.mapper.keyframes.min_rotation_rad"},
+    {"slam.keyframes.views_per_marker", "slam.mapper.keyframes.views_per_marker"},
+    {"slam.marker_pose.min_views", "slam.mapper.marker_pose.min_views"},
+    {"slam.marker_pose.ambiguity_ratio", "slam.mapper.marker_pose.ambiguity_ratio"},
+    {"slam.local_optimisation.max_iterations", "slam.mapper.local_optimization.max_iterations"},
+    {"slam.local_optimization.max_iterations", "slam.mapper.local_optimization.max_iterations"},
+}};
+
 // The daemon's other sections.
 constexpr std::array<std::string_view, 8> kOtherSections = {
     "body", "camera", "control", "log", "publish", "queue", "realtime", "record"};
@@ -78,7 +140,6 @@ ValidationError validateDictionary(const std::string& name) {
 
 std::vector<Setting> slamSettingKeys(SlamSettings& target) {
   slam::Options& o = target.options;
-  auto& scanner = o.detector.scanner;
   std::vector<Setting> keys = {
       required(textSetting("slam.dictionary", target.dictionary, validateDictionary)),
       required(numberSetting("slam.marker_size_m", o.markers.size_m, 1e-3, 100.0, "m")),
@@ -86,39 +147,18 @@ std::vector<Setting> slamSettingKeys(SlamSettings& target) {
       pathSetting("slam.map_out", target.map.out),
       flagSetting("slam.localize_only", target.map.localize_only),
       integerSetting("slam.map_save_interval_s", target.map.save_interval_s, 0, 1'000'000),
-      numberSetting("slam.detector.scanner.min_side_px", scanner.quads.min_side_px, 4.0, 1000.0,
-                    "px"),
-      numberSetting("slam.detector.edges.fit.min_contrast", o.detector.edges.fit.min_contrast, 1.0,
-                    255.0, "grey levels"),
-      integerSetting("slam.detector.decoder.max_wrong_bits", o.detector.decoder.max_wrong_bits, 0,
-                     8),
-      flagSetting("slam.follower.enabled", o.follower.enabled),
-      numberSetting("slam.follower.schedule.round_s", o.follower.schedule.round_s, 0.01, 10.0, "s"),
       numberSetting("slam.work_per_frame", o.work_per_frame, 10.0, 1e6, ""),
       numberSetting("slam.initialization.ambiguity_ratio", o.initialization.ambiguity_ratio, 1.0,
                     1000.0, ""),
-      numberSetting("slam.tracking.marker_chi2", o.tracking.pose.marker_chi2, 1.0, 1e6, ""),
-      numberSetting("slam.tracking.worst_rms_px", o.tracking.pose.max_rms_px, 0.1, 100.0, "px"),
       numberSetting("slam.shutter.readout_s", o.shutter.readout_s, -0.2, 0.2, "s"),
-      numberSetting("slam.motion.max_extrapolation_s", o.tracking.motion.max_extrapolation_s, 0.0,
-                    10.0, "s"),
-      numberSetting("slam.keyframes.min_baseline_m", o.mapper.keyframes.min_baseline_m, 1e-4, 100.0,
-                    "m"),
-      numberSetting("slam.keyframes.min_baseline_per_depth",
-                    o.mapper.keyframes.min_baseline_per_depth, 0.0, 10.0, ""),
-      numberSetting("slam.keyframes.min_rotation_rad", o.mapper.keyframes.min_rotation_rad, 1e-3,
-                    3.0, "rad"),
-      integerSetting("slam.keyframes.views_per_marker", o.mapper.keyframes.views_per_marker, 2,
-                     1000),
-      integerSetting("slam.marker_pose.min_views", o.mapper.marker_pose.min_views, 2, 100),
-      numberSetting("slam.marker_pose.ambiguity_ratio", o.mapper.marker_pose.ambiguity_ratio, 1.0,
-                    1000.0, ""),
-      numberSetting("slam.relocalization.ambiguity_ratio",
-                    o.tracking.relocalization.ambiguity_ratio, 1.0, 1000.0, ""),
-      integerSetting("slam.local_optimization.max_iterations",
-                     o.mapper.local_optimization.max_iterations, 1, 100),
   };
+  std::ranges::move(detectionKeys(o), std::back_inserter(keys));
+  std::ranges::move(trackingKeys(o.tracking), std::back_inserter(keys));
+  std::ranges::move(mapperKeys(o.mapper), std::back_inserter(keys));
   std::ranges::move(markerKeys(o.markers), std::back_inserter(keys));
+  for (const auto& [old_key, key] : kRenamed) {
+    keys.push_back(renamedSetting(std::string(old_key), std::string(key)));
+  }
   return keys;
 }
 

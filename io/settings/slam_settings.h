@@ -26,7 +26,8 @@ struct SlamSettings {
   MapSettings map;
 };
 
-// The keys of [slam], nested as slam::Options. Dictionary and marker size are required.
+// The keys of [slam]: "slam." and the path in slam::Options, but for dictionary, marker_size_m,
+// what is in [slam.markers], and the map's files. Dictionary and marker size are required.
 [[nodiscard]] std::vector<Setting> slamSettingKeys(SlamSettings& target);
 
 // The section [slam] of a file that may be a whole daemon's. Here nothing is required: what is not

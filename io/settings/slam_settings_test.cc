@@ -21,9 +21,9 @@ Result<SlamSettings> read(const std::string& text) {
 TEST(SlamSettings, NestAsTheOptionsDo) {
   const Result<SlamSettings> s = read(
       "[slam]\ndictionary = '4X4_50'\nmarker_size_m = 0.1\n"
-      "[slam.detector]\nscanner.min_side_px = 21\n"
-      "[slam.keyframes]\nviews_per_marker = 7\n"
-      "[slam.local_optimization]\nmax_iterations = 3\n");
+      "[slam.detector]\nscanner.quads.min_side_px = 21\n"
+      "[slam.mapper.keyframes]\nviews_per_marker = 7\n"
+      "[slam.mapper.local_optimization]\nmax_iterations = 3\n");
   ASSERT_TRUE(s) << s.error().message;
   EXPECT_EQ(s->dictionary, "4X4_50");
   EXPECT_EQ(s->options.markers.size_m, 0.1);
@@ -87,6 +87,10 @@ TEST(SlamSettings, ErrorsNameThePlace) {
   };
   ends("[slam]\nmarker_size = 1\n", "w.toml:2:1: slam.marker_size: unknown key");
   ends("[slam]\nmarker_size_m = 'a'\n", "w.toml:2:17: slam.marker_size_m: must be a number");
+  ends("[slam.keyframes]\nviews_per_marker = 7\n",
+       "w.toml:2:1: slam.keyframes.views_per_marker is now slam.mapper.keyframes.views_per_marker");
+  ends("[slam]\ntracking.worst_rms_px = 'a'\n",
+       "w.toml:2:10: slam.tracking.worst_rms_px is now slam.tracking.pose.max_rms_px");
   ends("[slam.detector]\nscanner = 1\n", "w.toml:2:11: slam.detector.scanner: must be a section");
   ends("[slam.markers]\nignored = '3, x'\n",
        "w.toml:2:11: slam.markers.ignored: 'x' must be an id or a range of ids like 7-9");

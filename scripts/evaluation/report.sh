@@ -37,7 +37,7 @@ trajectory." \
     --arg table_1 "\
 Two rooms, 90 markers, 12480 frames; the paper's are of its laboratory with a laser scanner as the
 reference, ours of the scene \`lab\`, on another computer. Frames per second are of wall time, one
-thread. N_c is \`slam.keyframes.views_per_marker\`." \
+thread. N_c is \`slam.mapper.keyframes.views_per_marker\`." \
     --arg table_2 "\
 The paper's sequences had a motion-capture reference; ours are scenes of the same kind with exact
 truth, so this compares ranges, not sequences." \
