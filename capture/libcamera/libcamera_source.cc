@@ -23,6 +23,7 @@
 #include "base/clock.h"
 #include "base/image_view.h"
 #include "base/system_reason.h"
+#include "capture/camera_buffers.h"
 #include "capture/frame_maker.h"
 #include "capture/libcamera/manager.h"
 #include "capture/libcamera/settings.h"
@@ -37,8 +38,6 @@ using std::chrono::microseconds;
 using std::chrono::nanoseconds;
 
 constexpr std::size_t kMaxBuffers = 64;
-// Frames that come back while we wait are given to the camera this often.
-constexpr microseconds kScarcePause{1000};
 
 // The first plane of a buffer, as far as grey pictures need it.
 struct MappedPlane {
@@ -88,6 +87,15 @@ class Mappings {
   std::vector<MappedPlane> planes_;
 };
 
+// A cancelled request is no frame: the camera is being stopped, or has failed.
+bool isFrame(const libcamera::Request& request) {
+  return request.status() == libcamera::Request::RequestComplete;
+}
+
+const libcamera::FrameMetadata& metadataOf(const libcamera::Request& request) {
+  return request.buffers().begin()->second->metadata();
+}
+
 // One request for each buffer; request i fills buffer i. Those that libcamera has completed wait in
 // a queue that its thread fills and ours empties.
 class LibcameraSource final : public FrameSource {
@@ -118,8 +126,8 @@ class LibcameraSource final : public FrameSource {
   [[nodiscard]] Status giveBack(std::size_t index);
   [[nodiscard]] microseconds patience(std::int64_t deadline_ns) const;
   [[nodiscard]] libcamera::Request* nextCompleted(microseconds patience);
+  void take(const libcamera::Request& request);
   [[nodiscard]] Result<FramePtr> frameOf(libcamera::Request* request);
-  void countGap(std::uint32_t sequence);
   [[nodiscard]] FrameStamp stamp(const libcamera::Request& request,
                                  const libcamera::FrameMetadata& metadata);
 
@@ -132,17 +140,13 @@ class LibcameraSource final : public FrameSource {
   StreamInfo info_;
   Mappings mappings_;
   std::vector<std::unique_ptr<libcamera::Request>> requests_;
-  std::vector<bool> shown_;  // buffers whose frames may still be held
-  int with_camera_ = 0;      // requests
+  CameraBuffers buffers_;
   bool running_ = false;
   moodycamel::BlockingReaderWriterCircularBuffer<libcamera::Request*> completed_{kMaxBuffers};
   std::atomic<bool> disconnected_{false};
   std::optional<FrameMaker> maker_;
   WallClock wall_clock_;
   SourceCounters counters_;
-  std::optional<std::uint32_t> last_sequence_;  // the camera's
-  std::uint64_t next_sequence_ = 0;             // ours
-  bool starved_ = false;  // since the last frame there was a time when the camera had no request
 };
 
 Error LibcameraSource::error(const std::string& what, int code) const {
@@ -174,7 +178,7 @@ Status LibcameraSource::start() {
     if (const int code = camera_->queueRequest(request.get()); code != 0) {
       return error("asking for a frame", code);
     }
-    ++with_camera_;
+    buffers_.given();
   }
   describe(std::move(warnings));
   return success();
@@ -208,7 +212,7 @@ Status LibcameraSource::allocate() {
     }
     requests_.push_back(std::move(request));
   }
-  shown_.assign(buffers.size(), false);
+  buffers_ = CameraBuffers(static_cast<int>(buffers.size()));
   maker_.emplace(FrameMaker::Format{.layout = findPixelFormat(mode_.fourcc)->layout,
                                     .width = mode_.width,
                                     .height = mode_.height,
@@ -254,12 +258,8 @@ ReadResult LibcameraSource::read(std::chrono::milliseconds timeout) {
 }
 
 Status LibcameraSource::takeBack() {
-  for (std::size_t i = 0; i < requests_.size(); ++i) {
-    if (!shown_[i] || maker_->shows(static_cast<int>(i))) continue;
-    shown_[i] = false;
-    if (Status given = giveBack(i); !given) return given;
-  }
-  return success();
+  return buffers_.takeBack([this](int index) { return maker_->shows(index); },
+                           [this](int index) { return giveBack(static_cast<std::size_t>(index)); });
 }
 
 Status LibcameraSource::giveBack(std::size_t index) {
@@ -268,40 +268,42 @@ Status LibcameraSource::giveBack(std::size_t index) {
   if (const int code = camera_->queueRequest(requests_[index].get()); code != 0) {
     return error("asking for a frame", code);
   }
-  ++with_camera_;
+  buffers_.given();
   return success();
 }
 
 microseconds LibcameraSource::patience(std::int64_t deadline_ns) const {
   const nanoseconds rest(std::max<std::int64_t>(deadline_ns - monotonicNs(), 0));
-  const bool scarce = with_camera_ < 2;
-  return std::chrono::ceil<microseconds>(scarce ? std::min<nanoseconds>(rest, kScarcePause) : rest);
+  return std::chrono::ceil<microseconds>(buffers_.patience(rest));
 }
 
 // Null when none came in time. Of several that wait the newest; the others go back.
 libcamera::Request* LibcameraSource::nextCompleted(microseconds patience) {
   libcamera::Request* newest = nullptr;
+  buffers_.beginTaking();
   if (!completed_.wait_dequeue_timed(newest, patience)) return nullptr;
-  --with_camera_;
+  take(*newest);
   for (libcamera::Request* next = nullptr; completed_.try_dequeue(next); newest = next) {
-    --with_camera_;
-    countGap(newest->buffers().begin()->second->metadata().sequence);
-    ++counters_.dropped_late;
+    take(*next);
+    if (isFrame(*newest)) ++counters_.dropped_late;
     // A camera that takes nothing back says so when it is asked the next time.
     (void)giveBack(newest->cookie());
   }
   return newest;
 }
 
+void LibcameraSource::take(const libcamera::Request& request) {
+  buffers_.taken();
+  if (isFrame(request)) buffers_.countFrame(metadataOf(request).sequence, &counters_);
+}
+
 // Null when it is not good enough to be shown; then it is counted.
 Result<FramePtr> LibcameraSource::frameOf(libcamera::Request* request) {
   const std::size_t index = request->cookie();
-  const libcamera::FrameMetadata& metadata = request->buffers().begin()->second->metadata();
+  const libcamera::FrameMetadata& metadata = metadataOf(*request);
   FramePtr frame;
   mappings_.sync(index, DMA_BUF_SYNC_START);
-  // A cancelled request is no frame: the camera is being stopped, or has failed.
-  const bool taken = request->status() == libcamera::Request::RequestComplete;
-  if (taken) countGap(metadata.sequence);
+  const bool taken = isFrame(*request);
   if (taken && metadata.status == libcamera::FrameMetadata::FrameSuccess) {
     frame = maker_->make(static_cast<int>(index),
                          mappings_.bytes(index, metadata.planes().front().bytesused),
@@ -314,20 +316,11 @@ Result<FramePtr> LibcameraSource::frameOf(libcamera::Request* request) {
     ++counters_.frames;
   }
   if (maker_->shows(static_cast<int>(index))) {
-    shown_[index] = true;
+    buffers_.show(static_cast<int>(index));
   } else if (Status given = giveBack(index); !given) {
     return given.error();
   }
   return frame;
-}
-
-void LibcameraSource::countGap(std::uint32_t sequence) {
-  const std::uint32_t step = last_sequence_ ? sequence - *last_sequence_ : 1;
-  const std::uint64_t missed = step > 0 && step < (1U << 31U) ? step - 1 : 0;
-  (starved_ ? counters_.dropped_no_buffer : counters_.dropped_gap) += missed;
-  last_sequence_ = sequence;
-  next_sequence_ += missed + 1;
-  starved_ = with_camera_ == 0;
 }
 
 FrameStamp LibcameraSource::stamp(const libcamera::Request& request,
@@ -344,7 +337,7 @@ FrameStamp LibcameraSource::stamp(const libcamera::Request& request,
   wall_clock_.update();
   const MidExposure mid = midExposure(time, exposure_ns, monotonicNs());
   if (mid.on_arrival) ++counters_.stamped_on_arrival;
-  return {.sequence = next_sequence_ - 1,
+  return {.sequence = buffers_.sequence(),
           .monotonic_ns = mid.monotonic_ns,
           .utime = wall_clock_.utime(mid.monotonic_ns),
           .exposure_ns = exposure_ns};

@@ -161,6 +161,7 @@ Status Stream::requestBuffers(int count) {
   }
   mapped_.resize(static_cast<std::size_t>(got));
   dma_bufs_.resize(static_cast<std::size_t>(got));
+  buffers_ = CameraBuffers(got);
   for (int i = 0; i < got; ++i) {
     if (const Status mapped = map(i); !mapped) return mapped;
     exportDmaBuf(i);
@@ -191,7 +192,7 @@ void Stream::exportDmaBuf(int index) {
 }
 
 Status Stream::start() {
-  for (int i = 0; i < buffers(); ++i) {
+  for (int i = 0; i < buffers_.count(); ++i) {
     if (const Status queued = enqueue(i); !queued) return queued;
   }
   std::uint32_t type = device_->bufferType();
@@ -206,7 +207,7 @@ bool Stream::wait(std::chrono::nanoseconds timeout) const {
   const auto seconds = std::chrono::floor<std::chrono::seconds>(timeout);
   const timespec longest{.tv_sec = seconds.count(), .tv_nsec = (timeout - seconds).count()};
   // Without a buffer at the driver, poll() reports an error at once.
-  if (with_driver_ == 0) {
+  if (buffers_.withCamera() == 0) {
     nanosleep(&longest, nullptr);
     return true;
   }
@@ -216,13 +217,13 @@ bool Stream::wait(std::chrono::nanoseconds timeout) const {
 }
 
 Result<std::optional<FilledBuffer>> Stream::dequeue() {
-  if (with_driver_ == 0) return std::optional<FilledBuffer>();
+  if (buffers_.withCamera() == 0) return std::optional<FilledBuffer>();
   BufferArgument argument(*device_, 0);
   if (device_->call(VIDIOC_DQBUF, &argument.buffer) != 0) {
     if (errno == EAGAIN) return std::optional<FilledBuffer>();
     return device_->error("waiting for a frame");
   }
-  --with_driver_;
+  buffers_.taken();
   const v4l2_buffer& buffer = argument.buffer;
   const int index = static_cast<int>(buffer.index);
   return std::optional<FilledBuffer>({.index = index,
@@ -237,7 +238,7 @@ Status Stream::enqueue(int index) {
   if (device_->call(VIDIOC_QBUF, &argument.buffer) != 0) {
     return device_->error("giving buffer " + std::to_string(index) + " back");
   }
-  ++with_driver_;
+  buffers_.given();
   return success();
 }
 

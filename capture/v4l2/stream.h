@@ -11,6 +11,7 @@
 
 #include "base/result.h"
 #include "base/unique_fd.h"
+#include "capture/camera_buffers.h"
 #include "capture/mid_exposure.h"
 #include "capture/mode_choice.h"
 #include "capture/v4l2/device.h"
@@ -61,9 +62,9 @@ class Stream {
   [[nodiscard]] Result<std::optional<FilledBuffer>> dequeue();
   [[nodiscard]] Status enqueue(int index);
 
-  [[nodiscard]] int buffers() const { return static_cast<int>(mapped_.size()); }
-  // Buffers that the driver has: without one, pictures are lost.
-  [[nodiscard]] int withDriver() const { return with_driver_; }
+  // Which of them the driver has; kept by start(), dequeue() and enqueue().
+  [[nodiscard]] CameraBuffers& buffers() { return buffers_; }
+  [[nodiscard]] const CameraBuffers& buffers() const { return buffers_; }
   // A buffer's memory as DMABUF, owned by the stream; -1 where the driver exports none.
   [[nodiscard]] int dmaBuf(int index) const;
 
@@ -85,7 +86,7 @@ class Stream {
   std::ptrdiff_t stride_ = 0;
   double rate_hz_ = 0.0;
   bool interlaced_ = false;
-  int with_driver_ = 0;
+  CameraBuffers buffers_;
 };
 
 }  // namespace waymark::capture::v4l2

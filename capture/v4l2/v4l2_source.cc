@@ -9,6 +9,7 @@
 
 #include "base/clock.h"
 #include "base/image_view.h"
+#include "capture/camera_buffers.h"
 #include "capture/frame_maker.h"
 #include "capture/mid_exposure.h"
 #include "capture/mode_choice.h"
@@ -24,11 +25,6 @@ using std::chrono::nanoseconds;
 using v4l2::Device;
 using v4l2::FilledBuffer;
 using v4l2::Stream;
-
-// With fewer buffers at the driver than this it may soon have none: frames that come back meanwhile
-// are looked for this often.
-constexpr int kScarce = 2;
-constexpr nanoseconds kScarcePause = std::chrono::milliseconds(1);
 
 class V4l2Source final : public FrameSource {
  public:
@@ -46,7 +42,6 @@ class V4l2Source final : public FrameSource {
   [[nodiscard]] Status takeBack();
   [[nodiscard]] Result<std::optional<FilledBuffer>> dequeueNewest();
   [[nodiscard]] nanoseconds patience(std::int64_t deadline_ns) const;
-  void countGap(std::uint32_t sequence);
   [[nodiscard]] FrameStamp stamp(const FilledBuffer& filled);
   [[nodiscard]] Result<FramePtr> frameOf(const FilledBuffer& filled);
 
@@ -56,13 +51,9 @@ class V4l2Source final : public FrameSource {
   StreamInfo info_;
   std::optional<Stream> stream_;  // refers to device_
   std::optional<FrameMaker> maker_;
-  std::vector<bool> shown_;  // buffers whose frames may still be held
   WallClock wall_clock_;
   SourceCounters counters_;
-  std::optional<std::uint32_t> last_sequence_;  // the driver's
-  std::uint64_t next_sequence_ = 0;             // ours
-  std::optional<Error> failure_;                // came with the frame that was handed out last
-  bool starved_ = false;  // since the last frame there was a time when the driver had no buffer
+  std::optional<Error> failure_;  // came with the frame that was handed out last
 };
 
 Status V4l2Source::start(int buffers, bool keep_jpeg) {
@@ -74,8 +65,7 @@ Status V4l2Source::start(int buffers, bool keep_jpeg) {
                                     .height = mode_.height,
                                     .stride = stream_->stride(),
                                     .keep_jpeg = keep_jpeg},
-                 stream_->buffers());
-  shown_.assign(static_cast<std::size_t>(stream_->buffers()), false);
+                 stream_->buffers().count());
   wall_clock_.update();
   return stream_->start();
 }
@@ -120,26 +110,19 @@ ReadResult V4l2Source::read(std::chrono::milliseconds timeout) {
 
 // Buffers whose frames have been let go return to the driver.
 Status V4l2Source::takeBack() {
-  for (int i = 0; i < stream_->buffers(); ++i) {
-    const auto place = static_cast<std::size_t>(i);
-    if (!shown_[place] || maker_->shows(i)) continue;
-    shown_[place] = false;
-    if (Status given = stream_->enqueue(i); !given) return given;
-  }
-  return success();
+  return stream_->buffers().takeBack([this](int index) { return maker_->shows(index); },
+                                     [this](int index) { return stream_->enqueue(index); });
 }
 
 // When several wait, we were late: what is old is not worth showing.
 Result<std::optional<FilledBuffer>> V4l2Source::dequeueNewest() {
   std::optional<FilledBuffer> newest;
-  const int had = stream_->withDriver();
-  for (int taken = 1;; ++taken) {
+  stream_->buffers().beginTaking();
+  for (;;) {
     const Result<std::optional<FilledBuffer>> next = stream_->dequeue();
     if (!next) return next.error();
     if (!*next) return newest;
-    countGap((*next)->sequence);
-    // It had filled all of them: what the camera took since then found no buffer.
-    starved_ |= taken >= had;
+    stream_->buffers().countFrame((*next)->sequence, &counters_);
     if (newest) {
       ++counters_.dropped_late;
       if (const Status given = stream_->enqueue(newest->index); !given) return given.error();
@@ -150,25 +133,14 @@ Result<std::optional<FilledBuffer>> V4l2Source::dequeueNewest() {
 
 nanoseconds V4l2Source::patience(std::int64_t deadline_ns) const {
   const nanoseconds rest(std::max<std::int64_t>(deadline_ns - monotonicNs(), 0));
-  return stream_->withDriver() < kScarce ? std::min(rest, kScarcePause) : rest;
-}
-
-// The driver counts every frame, also those that it had no buffer for, or that the bus lost.
-void V4l2Source::countGap(std::uint32_t sequence) {
-  // Drivers count in 32 bits; one that starts again, or does not count, loses nothing that we know.
-  const std::uint32_t step = last_sequence_ ? sequence - *last_sequence_ : 1;
-  const std::uint64_t missed = step > 0 && step < (1U << 31U) ? step - 1 : 0;
-  (starved_ ? counters_.dropped_no_buffer : counters_.dropped_gap) += missed;
-  last_sequence_ = sequence;
-  next_sequence_ += missed + 1;
-  starved_ = stream_->withDriver() == 0;
+  return stream_->buffers().patience(rest);
 }
 
 FrameStamp V4l2Source::stamp(const FilledBuffer& filled) {
   wall_clock_.update();
   const MidExposure mid = midExposure(filled.time, exposure_ns_, monotonicNs());
   if (mid.on_arrival) ++counters_.stamped_on_arrival;
-  return {.sequence = next_sequence_ - 1,
+  return {.sequence = stream_->buffers().sequence(),
           .monotonic_ns = mid.monotonic_ns,
           .utime = wall_clock_.utime(mid.monotonic_ns),
           .exposure_ns = exposure_ns_};
@@ -187,7 +159,7 @@ Result<FramePtr> V4l2Source::frameOf(const FilledBuffer& filled) {
     ++counters_.frames;
   }
   if (maker_->shows(filled.index)) {
-    shown_[static_cast<std::size_t>(filled.index)] = true;
+    stream_->buffers().show(filled.index);
   } else if (const Status given = stream_->enqueue(filled.index); !given) {
     if (!frame) return given.error();
     failure_ = given.error();  // this frame is whole, and counted: the next read tells

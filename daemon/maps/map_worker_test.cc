@@ -5,9 +5,7 @@
 #include <functional>
 #include <future>
 #include <map>
-#include <memory>
 #include <optional>
-#include <random>
 #include <string>
 #include <thread>
 #include <utility>
@@ -15,10 +13,9 @@
 #include <gtest/gtest.h>
 
 #include "capture/frame.h"
+#include "daemon/maps/testing_map_worker.h"
 #include "io/maps/map_file.h"
 #include "io/text/text_file.h"
-#include "slam/testing/synthetic.h"
-#include "tests/temporary_directory.h"
 
 namespace waymark::daemon {
 namespace {
@@ -26,55 +23,8 @@ namespace {
 namespace fs = std::filesystem;
 using std::chrono::milliseconds;
 
-constexpr double kSize_m = 0.2;
-
-// A SLAM loop that begins with a map of eight markers and gets blank frames.
-class MapWorkerTest : public ::testing::Test {
+class MapWorkerTest : public testing::MapWorkerFixture {
  protected:
-  MapWorkerTest() : pool_(camera_.width, camera_.height, 4) {
-    settings_.dictionary = "4X4_50";
-    settings_.options.markers.size_m = kSize_m;
-    settings_.map.out = file_;
-    settings_.map.save_interval_s = 0;
-  }
-  ~MapWorkerTest() override { stop(); }
-
-  slam::Map wallMap() {
-    const auto wall = slam::testing::markerWall(2, 4, 0.5, &rng_);
-    slam::Options options;
-    options.markers.size_m = kSize_m;
-    const slam::CameraModel camera(camera_);
-    slam::Slam slam(camera, *slam::Dictionary::byName("4X4_50"), options);
-    for (int i = 0; i < 20; ++i) {
-      const auto T_w_c = slam::testing::lookAt({0.05 * i, 0.0, 0.02 * i}, {0.0, 3.0, 0.0});
-      const auto seen = slam::testing::observeAll(camera, T_w_c, wall, kSize_m, 0.05, &rng_);
-      slam.process({.time = {static_cast<std::uint64_t>(i), i * 33'000'000LL}, .detections = seen});
-    }
-    return slam.map();
-  }
-
-  void start(slam::Map map) {
-    loop_ =
-        std::make_unique<SlamLoop>(std::make_unique<slam::Slam>(slam::CameraModel(camera_),
-                                                                *slam::Dictionary::byName("4X4_50"),
-                                                                settings_.options, std::move(map)),
-                                   frames_, camera_status_, requests_, output_);
-    worker_ = std::make_unique<MapWorker>(settings_, camera_, requests_, output_, log_);
-    loop_thread_ = std::thread([this] { loop_->run(); });
-    worker_thread_ = std::thread([this] { worker_->run(); });
-  }
-  void stopLoop() {
-    if (!loop_thread_.joinable()) return;
-    frames_.close();
-    loop_thread_.join();
-  }
-  void stop() {
-    stopLoop();
-    if (!worker_thread_.joinable()) return;
-    worker_->requestStop();
-    worker_thread_.join();
-  }
-
   // One job, and what came of it.
   std::string outcomeOf(const std::function<void(MapWorker::Done)>& ask) {
     std::promise<std::string> told;
@@ -117,23 +67,6 @@ class MapWorkerTest : public ::testing::Test {
     }
     return true;
   }
-
-  const waymark::testing::TemporaryDirectory directory_;
-  const fs::path file_ = directory_ / "map.json";
-  std::mt19937 rng_{7};
-  const slam::Calibration camera_ = slam::testing::testCalibration();
-  io::SlamSettings settings_;
-  capture::FramePool pool_;
-  std::int64_t sequence_ = 0;
-  FrameQueue frames_{2};
-  SlamRequests requests_{frames_};
-  SlamOutput output_;
-  const CameraStatus camera_status_;
-  const Log log_{LogLevel::kError, false};
-  std::unique_ptr<SlamLoop> loop_;
-  std::unique_ptr<MapWorker> worker_;
-  std::thread loop_thread_;
-  std::thread worker_thread_;
 };
 
 TEST_F(MapWorkerTest, SavesWhileTheLoopWaitsForFrames) {
