@@ -1,5 +1,5 @@
-# One row of the tables: a run, measured, as a JSON file. Sourced by scripts/evaluate; needs
-# $waymark, $work (scratch) and sequences.sh.
+# One row of the tables: a run, measured, as a JSON file. Sourced by scripts/evaluate and
+# scripts/compare-builds; needs $waymark, $work (scratch) and sequences.sh.
 
 # Seconds before a loop closes in which the live trajectory may be worse than twice the final one.
 seconds_before_loop=5
@@ -101,20 +101,35 @@ reversed_images() {
   done < <(find "$(realpath "$1")" -maxdepth 1 -type f ! -name '*.txt' | LC_ALL=C sort -r)
 }
 
-# measure_recording RECORDING FOLDER KEPT FILE: a real recording. Its map and picture stay in KEPT.
-measure_recording() {
-  local recording=$1 from=$2 kept=$3 file=$4 source extra options=() other map_rms_px
-  mapfile -t extra < <(jq -r '.options[]?' <<< "$recording")
-  source=$from/$(jq -r .source <<< "$recording")
-  if [[ $(jq -r '.reversed // false' <<< "$recording") == true ]]; then
+# recording_source RECORDING FOLDER: prints what `waymark run` gets for it.
+recording_source() {
+  local source
+  source=$2/$(jq -r .source <<< "$1")
+  if [[ $(jq -r '.reversed // false' <<< "$1") == true ]]; then
     rm -rf "$work/reversed"
     reversed_images "$source" "$work/reversed"
     source=$work/reversed
   fi
-  rm -rf "$kept"
-  "$waymark" run "$source" --calibration "$from/calib.yml" --out "$kept" --quiet \
+  printf '%s' "$source"
+}
+
+# run_recording RECORDING FOLDER SOURCE OPTION...: `waymark run` with what its row says.
+run_recording() {
+  local recording=$1 from=$2 source=$3 extra
+  shift 3
+  mapfile -t extra < <(jq -r '.options[]?' <<< "$recording")
+  "$waymark" run "$source" --calibration "$from/calib.yml" --quiet \
     --dictionary "$(jq -r .dictionary <<< "$recording")" \
-    --marker-size "$(jq -r .size_m <<< "$recording")" "${extra[@]}"
+    --marker-size "$(jq -r .size_m <<< "$recording")" "${extra[@]}" "$@"
+}
+
+# measure_recording RECORDING FOLDER KEPT FILE: a real recording. Its map and picture stay in KEPT.
+measure_recording() {
+  local recording=$1 from=$2 kept=$3 file=$4 source extra options=() other map_rms_px
+  mapfile -t extra < <(jq -r '.options[]?' <<< "$recording")
+  source=$(recording_source "$recording" "$from")
+  rm -rf "$kept"
+  run_recording "$recording" "$from" "$source" --out "$kept"
   # The limit is one of the corners as the given lens undistorts them.
   [[ -f $from/gt_traj.txt && $source == *.csv && ${#extra[@]} -eq 0 ]] &&
     options+=(--limit "$source" --calibration "$from/calib.yml")

@@ -1,4 +1,5 @@
-# Rendered sequences, kept outside the tree. Sourced by scripts/evaluate; needs $waymark.
+# Rendered sequences, kept outside the tree. Sourced by scripts/evaluate and scripts/compare-builds;
+# needs $waymark.
 
 cache="${XDG_CACHE_HOME:-$HOME/.cache}/waymark/sequences"
 
