@@ -18,6 +18,7 @@
 #include "io/calibrations/calibration_file.h"
 #include "simulator/projected_marker.h"
 #include "simulator/simulated_source.h"
+#include "slam/geometry/align_points.h"
 #include "slam/slam.h"
 
 namespace waymark {
@@ -164,16 +165,10 @@ TEST_P(SceneAccuracy, EveryFrameIsLocalizedToMillimetres) {
   });
   EXPECT_EQ(lost, 0);
   ASSERT_GT(estimate.size(), 250U);
-  Eigen::Matrix3Xd from(3, estimate.size());
-  Eigen::Matrix3Xd to(3, truth.size());
-  for (std::size_t i = 0; i < truth.size(); ++i) {
-    from.col(static_cast<Eigen::Index>(i)) = estimate[i];
-    to.col(static_cast<Eigen::Index>(i)) = truth[i];
-  }
-  const Eigen::Matrix4d T = Eigen::umeyama(from, to, /*with_scaling=*/false);
+  const Transform T = slam::alignPoints(estimate, truth);
   double ate = 0.0;
   for (std::size_t i = 0; i < truth.size(); ++i) {
-    ate += ((T * estimate[i].homogeneous()).head<3>() - truth[i]).norm();
+    ate += (T * estimate[i] - truth[i]).norm();
   }
   ate /= static_cast<double>(truth.size());
   EXPECT_LT(ate, 0.003) << "metres, causal";

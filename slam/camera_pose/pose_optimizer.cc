@@ -5,7 +5,6 @@
 #include <memory_resource>
 #include <vector>
 
-#include <Eigen/Cholesky>
 #include <Eigen/LU>
 
 #include "base/stack_arena.h"
@@ -182,8 +181,8 @@ std::optional<PoseSolution> PoseOptimizer::optimize(std::span<const KnownMarker>
     if (!minimum) return std::nullopt;
   }
 
-  const Eigen::LDLT<Matrix6d> factor(minimum->normal.H);
-  if (factor.info() != Eigen::Success || !factor.isPositive()) return std::nullopt;
+  const auto covariance = inverseOf(minimum->normal.H);
+  if (!covariance) return std::nullopt;
   solution.T_w_c = minimum->T;
   double squared_px = 0.0;
   std::pmr::vector<double> squared(arena.get());
@@ -202,7 +201,7 @@ std::optional<PoseSolution> PoseOptimizer::optimize(std::span<const KnownMarker>
   solution.mean_side_px /= solution.inliers;
   const double degrees_of_freedom = 8.0 * solution.inliers - 6.0;
   const double scale = std::max(1.0, solution.chi2 / degrees_of_freedom);
-  solution.covariance = scale * factor.solve(Matrix6d::Identity());
+  solution.covariance = scale * *covariance;
   return solution;
 }
 

@@ -5,8 +5,6 @@
 #include <algorithm>
 #include <optional>
 
-#include <Eigen/Cholesky>
-
 #include "slam/geometry/transform.h"
 
 namespace waymark::slam {
@@ -24,6 +22,12 @@ struct MinimizedPose {
   double start_cost = 0.0;  // where it began
 };
 
+// The step of Levenberg-Marquardt, the diagonal raised by `lambda`.
+[[nodiscard]] Vector6d dampedStep(const PoseNormal& normal, double lambda);
+
+// The covariance that goes with a normal matrix. Empty where that is not positive.
+[[nodiscard]] std::optional<Matrix6d> inverseOf(const Matrix6d& H);
+
 // `linearize(T, &normal)` adds to a zeroed normal and returns false where T has no cost (a corner
 // behind the camera). Empty when the start has none.
 template <typename Linearize>
@@ -36,9 +40,7 @@ template <typename Linearize>
   best.start_cost = best.normal.cost;
   double lambda = 1e-5;
   for (int i = 0; i < max_iterations && lambda < kHopeless; ++i) {
-    Matrix6d damped = best.normal.H;
-    damped.diagonal() *= 1.0 + lambda;
-    const Vector6d step = -damped.ldlt().solve(best.normal.g);
+    const Vector6d step = dampedStep(best.normal, lambda);
     if (!step.allFinite()) break;
     const Transform candidate = best.T.retract(step);
     PoseNormal next;

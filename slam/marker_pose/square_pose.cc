@@ -9,14 +9,14 @@
 #include "slam/geometry/homography.h"
 #include "slam/geometry/minimize_pose.h"
 #include "slam/geometry/reprojection.h"
+#include "slam/geometry/rotation.h"
 
 namespace waymark::slam {
 namespace {
 
 // Rotation that takes the z axis to the direction of (v, 1).
 Eigen::Matrix3d rotationToRay(const Eigen::Vector2d& v) {
-  return Eigen::Quaterniond::FromTwoVectors(Eigen::Vector3d::UnitZ(), v.homogeneous().normalized())
-      .toRotationMatrix();
+  return rotationBetween(Eigen::Vector3d::UnitZ(), v.homogeneous().normalized());
 }
 
 // The translation that best fits the corners for a given rotation: linear least squares of

@@ -6,6 +6,7 @@
 #include <Eigen/SVD>
 
 #include "slam/geometry/minimize_pose.h"
+#include "slam/geometry/rotation.h"
 #include "tools/calibration/plane_homography.h"
 
 namespace waymark::calibration {
@@ -35,7 +36,7 @@ Transform mirrored(const Transform& T) {
   const Eigen::Vector3d view = T.p.normalized();
   const Eigen::Vector3d normal = T.R.col(2);
   const Eigen::Vector3d other = 2.0 * normal.dot(view) * view - normal;
-  return {Eigen::Quaterniond::FromTwoVectors(normal, other) * T.R, T.p};
+  return {slam::rotationBetween(normal, other) * T.R, T.p};
 }
 
 std::optional<BoardPose> refined(const std::vector<Eigen::Vector3d>& board,

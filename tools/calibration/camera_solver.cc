@@ -9,6 +9,7 @@
 #include <Eigen/Eigenvalues>
 #include <Eigen/LU>
 
+#include "slam/geometry/minimize_pose.h"
 #include "slam/geometry/reprojection.h"
 #include "slam/geometry/robust.h"
 #include "tools/calibration/board_pose.h"
@@ -196,10 +197,8 @@ State stepped(const State& state, const std::vector<ViewNormal>& normals, Lens l
   next.camera = withParameters(state.camera, lens, parametersOf(state.camera, lens) + step);
   for (std::size_t v = 0; v < normals.size(); ++v) {
     const ViewNormal& normal = normals[v];
-    Matrix6d B = normal.B;
-    B.diagonal() *= 1.0 + damping;
-    const Vector6d pose_step = -B.ldlt().solve(normal.b + normal.C.transpose() * step);
-    next.T_c_b[v] = state.T_c_b[v].retract(pose_step);
+    const Vector6d pull = normal.b + normal.C.transpose() * step;
+    next.T_c_b[v] = state.T_c_b[v].retract(slam::dampedStep({normal.B, pull, 0.0}, damping));
   }
   return next;
 }
