@@ -5,6 +5,7 @@
 #include <optional>
 
 #include "slam/geometry/reprojection.h"
+#include "slam/geometry/two_hypotheses.h"
 #include "slam/marker_pose/marker_resolver.h"
 #include "slam/optimization/bundle_adjuster.h"
 
@@ -118,15 +119,12 @@ std::vector<Motion> proposeMotions(const std::vector<CommonMarker>& common) {
 
 // The best motion that stays another one after refinement; empty when there is none.
 std::optional<Motion> otherMotion(const std::vector<CommonMarker>& common,
-                                  const std::vector<Motion>& motions, const Motion& best) {
-  constexpr double kOtherRotation = 0.05;  // radians
-  for (const Motion& motion : motions) {
-    if (rotationDistance(motion.T_0_1.R, best.T_0_1.R) < kOtherRotation) continue;
-    const Motion refined = refine(common, motion.T_0_1);
-    if (rotationDistance(refined.T_0_1.R, best.T_0_1.R) < kOtherRotation) continue;
-    return refined;
-  }
-  return std::nullopt;
+                                  const std::vector<Motion>& motions, const Motion& best,
+                                  double other_rotation_rad) {
+  return otherHypothesis(
+      motions, best.T_0_1, other_rotation_rad,
+      [&](const Motion& rival) { return std::optional(refine(common, rival.T_0_1)); },
+      [](const Motion& motion) { return motion.T_0_1; });
 }
 
 double meanDepth(const std::vector<CommonMarker>& common) {
@@ -174,7 +172,7 @@ std::variant<TwoFrameStart, TwoFrameFailure> initializeFromTwoFrames(
   if (best.T_0_1.p.norm() < baseline) return TwoFrameFailure::kShortBaseline;
   const double n = static_cast<double>(common.size());
   if (best.error > options.worst_chi2_per_marker * n) return TwoFrameFailure::kPoorFit;
-  if (const auto other = otherMotion(common, motions, best)) {
+  if (const auto other = otherMotion(common, motions, best, options.other_rotation_rad)) {
     const double floor = comparisonFloor(meanCornerVariance(common), focal_px,
                                          2 * static_cast<int>(common.size()), options.square);
     if ((other->error + floor) / (best.error + floor) < options.ambiguity_ratio) {

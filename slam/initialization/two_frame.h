@@ -19,6 +19,9 @@ struct TwoFrameOptions {
   // The motion between the frames must explain them this many times better than any motion that
   // turns the camera elsewhere, and each marker's pose than its other one (tau_e).
   double ambiguity_ratio = 3.0;
+  // What counts as turned elsewhere, radians: more than noise moves a refined motion, less than
+  // what a marker's two solutions differ by.
+  double other_rotation_rad = 0.05;
   SquarePoseOptions square;
 };
 

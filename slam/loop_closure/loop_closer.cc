@@ -7,6 +7,7 @@
 #include <Eigen/Eigenvalues>
 
 #include "slam/geometry/robust.h"
+#include "slam/geometry/two_hypotheses.h"
 #include "slam/optimization/map_fit.h"
 
 namespace waymark::slam {
@@ -240,19 +241,15 @@ double allowedGrowth(const Before& before, std::size_t loop_markers, const LoopO
          options.max_growth_of_model_errors * of_model_errors;
 }
 
-// The optimization may have led the second candidate to the first one's map: no contradiction.
-bool isAnother(const Candidate& a, const Candidate& b) {
-  constexpr double kOtherRotation = 0.05;  // radians, of the closing frame
-  return rotationDistance(a.T_w_closing.R, b.T_w_closing.R) > kOtherRotation;
-}
-
 std::optional<LoopRejection> rejectionOf(const Candidate& best,
                                          const std::optional<Candidate>& other, double allowed,
                                          const LoopOptions& options) {
   if (!(best.growth <= allowed) || !(best.closing_error <= options.max_closing_error)) {
     return LoopRejection::kContradicted;
   }
-  if (!other || !isAnother(*other, best)) return std::nullopt;
+  if (!other || !isAnotherPose(other->T_w_closing, best.T_w_closing, options.other_rotation_rad)) {
+    return std::nullopt;
+  }
   // Odds, not a quotient of small numbers: both growths above what noise alone makes of them.
   const double floor = 8.0;
   const bool much_worse = std::max(other->growth, 0.0) + floor >=

@@ -36,6 +36,9 @@ struct LoopOptions {
   // Of two candidates (one ambiguous marker closes the loop) the better one must be this much
   // better.
   double ambiguity_ratio = 3.0;
+  // They are two only if the closing frame ends up turned by this much, radians: the optimization
+  // may lead the second one to the first one's map, which is no contradiction.
+  double other_rotation_rad = 0.05;
   // A closure gets as much of a frame as it needs to be done after so many, before what is not
   // corrected meanwhile has gone far astray: units for each view of a marker, all iterations
   // together. More than Options::work_per_frame only in large maps.

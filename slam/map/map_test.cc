@@ -94,7 +94,10 @@ TEST(Map, StateAndPosesGoTogether) {
 
 TEST(Map, TakesNoMarkerThatIsNotSound) {
   Map map;
-  MapMarker marker{.id = 5, .size_m = 0.1, .state = MarkerState::kMapped};
+  MapMarker marker;
+  marker.id = 5;
+  marker.size_m = 0.1;
+  marker.state = MarkerState::kMapped;
   EXPECT_FALSE(map.putMarker(marker)) << "mapped, but nowhere";
   marker.state = MarkerState::kQuarantined;
   marker.T_w_m = Transform{};
@@ -113,6 +116,13 @@ TEST(Map, TakesNoMarkerThatIsNotSound) {
   EXPECT_NE(map.findPosed(5), nullptr) << "in place of what was known";
 }
 
+KeyframeLink linkTo(KeyframeId id, double x_m = 0.0) {
+  KeyframeLink link;
+  link.to = id;
+  link.T_this_to.p.x() = x_m;
+  return link;
+}
+
 std::vector<KeyframeId> linksOf(const Map& map, KeyframeId id) {
   std::vector<KeyframeId> to;
   for (const KeyframeLink& link : map.keyframes().at(id).links) to.push_back(link.to);
@@ -122,14 +132,14 @@ std::vector<KeyframeId> linksOf(const Map& map, KeyframeId id) {
 TEST(Map, LinksLiveAsLongAsBothEnds) {
   Map map = smallMap();
   Keyframe bridge;
-  bridge.links = {{2, {}, {}}, {0, {}, {}}, {77, {}, {}}};
+  bridge.links = {linkTo(2), linkTo(0), linkTo(77)};
   const KeyframeId first = map.addKeyframe(bridge);
   EXPECT_EQ(linksOf(map, first), (std::vector<KeyframeId>{0, 2})) << "there is no keyframe 77";
-  bridge.links = {{first, {}, {}}};
+  bridge.links = {linkTo(first)};
   const KeyframeId second = map.addKeyframe(bridge);
-  map.addLink(second, {1, {}, {}});
+  map.addLink(second, linkTo(1));
   EXPECT_EQ(linksOf(map, second), (std::vector<KeyframeId>{1, first}));
-  map.addLink(second, {1, {Eigen::Matrix3d::Identity(), {0.5, 0.0, 0.0}}, {}});
+  map.addLink(second, linkTo(1, 0.5));
   EXPECT_EQ(linksOf(map, second).size(), 2U) << "in place of the one before";
   EXPECT_EQ(map.keyframes().at(second).links[0].T_this_to.p.x(), 0.5);
 

@@ -8,6 +8,7 @@
 
 #include "slam/geometry/minimize_pose.h"
 #include "slam/geometry/reprojection.h"
+#include "slam/geometry/two_hypotheses.h"
 
 namespace waymark::slam {
 namespace {
@@ -129,18 +130,14 @@ MarkerResolution resolveMarkerPose(std::span<const MarkerView> views, double siz
     return resolution;
   }
   // The best pose, and the best one that stays another pose after refinement.
-  constexpr double kOtherOrientation = 0.05;  // radians
   const Candidate best = refine(candidates.front(), whitened, size_m);
   resolution.T_w_m = best.T_w_m;
-  double other_cost = std::numeric_limits<double>::infinity();
-  for (std::size_t i = 1; i < candidates.size(); ++i) {
-    if (rotationDistance(candidates[i].T_w_m.R, best.T_w_m.R) < kOtherOrientation) continue;
-    const Candidate other = refine(candidates[i], whitened, size_m);
-    if (rotationDistance(other.T_w_m.R, best.T_w_m.R) < kOtherOrientation) continue;
-    other_cost = other.cost;
-    resolution.other_T_w_m = other.T_w_m;
-    break;  // candidates are sorted: the first true alternative is the strongest
-  }
+  const auto other = otherHypothesis(
+      candidates, best.T_w_m, options.other_rotation_rad,
+      [&](const Candidate& rival) { return std::optional(refine(rival, whitened, size_m)); },
+      [](const Candidate& candidate) { return candidate.T_w_m; });
+  if (other) resolution.other_T_w_m = other->T_w_m;
+  const double other_cost = other ? other->cost : std::numeric_limits<double>::infinity();
   const double n = static_cast<double>(views.size());
   if (!(best.cost <= options.max_chi2_per_view * residual_sigma * residual_sigma * n)) {
     resolution.verdict = ResolverVerdict::kContradictory;

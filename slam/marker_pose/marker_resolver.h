@@ -16,6 +16,9 @@ struct MarkerResolverOptions {
   // The best of the 2n candidates must explain the views this many times better than the best one
   // of the other orientation (tau_e).
   double ambiguity_ratio = 3.0;
+  // From this turn on an orientation is another one, radians: more than noise moves a refined pose,
+  // less than what a marker's two solutions differ by.
+  double other_rotation_rad = 0.05;
   // From this ratio on the other orientation is forgotten; below it a resolved marker is looked at
   // again with every new keyframe. Larger keeps a wrong choice curable for longer and costs time.
   double final_ratio = 20.0;

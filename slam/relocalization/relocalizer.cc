@@ -4,6 +4,8 @@
 #include <utility>
 #include <vector>
 
+#include "slam/geometry/two_hypotheses.h"
+
 namespace waymark::slam {
 namespace {
 
@@ -47,17 +49,14 @@ std::vector<Hypothesis> proposePoses(std::span<const KnownMarker> markers, doubl
 bool isRivalled(const PoseSolution& solution, std::span<const KnownMarker> markers,
                 const std::vector<Hypothesis>& hypotheses, const PoseOptimizer& optimizer,
                 const RelocalizerOptions& options) {
-  constexpr double kOtherPose = 0.1;  // radians
   const double floor = options.square.evidence_floor;
   const double chosen = truncatedCost(markers, solution.T_w_c) + floor;
-  for (const Hypothesis& other : hypotheses) {
-    if (rotationDistance(other.T_w_c.R, solution.T_w_c.R) < kOtherPose) continue;
-    const auto refined = optimizer.optimize(markers, other.T_w_c);
-    if (!refined || rotationDistance(refined->T_w_c.R, solution.T_w_c.R) < kOtherPose) continue;
-    const double cost = truncatedCost(markers, refined->T_w_c) + floor;
-    return cost < options.ambiguity_ratio * chosen;
-  }
-  return false;
+  const auto other = otherHypothesis(
+      hypotheses, solution.T_w_c, options.other_rotation_rad,
+      [&](const Hypothesis& rival) { return optimizer.optimize(markers, rival.T_w_c); },
+      [](const auto& hypothesis) { return hypothesis.T_w_c; });
+  if (!other) return false;
+  return truncatedCost(markers, other->T_w_c) + floor < options.ambiguity_ratio * chosen;
 }
 
 }  // namespace

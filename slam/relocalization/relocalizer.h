@@ -13,6 +13,9 @@ struct RelocalizerOptions {
   // A single marker must be at least this unambiguous (tau_e), and several of them must explain
   // the image this many times better from here than from anywhere else.
   double ambiguity_ratio = 3.0;
+  // Anywhere else: turned by this much, radians. Without a prior even the right pose is refined
+  // from poor starts that end a little apart; a planar marker's two solutions differ by far more.
+  double other_rotation_rad = 0.1;
   SquarePoseOptions square;
 };
 

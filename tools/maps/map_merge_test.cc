@@ -158,7 +158,10 @@ TEST_F(Merge, StatesOfMarkers) {
   // Rejected here: stays so. Rejected there: its views are not wanted. Unknown here: theirs.
   a_.map.ban(3);
   b_.map.ban(4);
-  ASSERT_TRUE(a_.map.putMarker({.id = 12, .size_m = kSize_m}));
+  slam::MapMarker unresolved;
+  unresolved.id = 12;
+  unresolved.size_m = kSize_m;
+  ASSERT_TRUE(a_.map.putMarker(unresolved));
   const auto report = mergeMaps(&a_, b_, {});
   ASSERT_TRUE(report) << report.error().message;
   EXPECT_EQ(a_.map.find(3)->state, slam::MarkerState::kBanned);
