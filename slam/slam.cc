@@ -5,10 +5,10 @@
 
 #include "base/sorted.h"
 #include "base/task.h"
+#include "slam/camera/rolling_shutter_estimator.h"
 #include "slam/detection/search/marker_follower.h"
 #include "slam/initialization/initializer.h"
 #include "slam/mapping/map_updater.h"
-#include "slam/camera/rolling_shutter_estimator.h"
 #include "slam/marker_screening/marker_screening.h"
 #include "slam/optimization/map_optimizer.h"
 #include "slam/tracking/expected_markers.h"
@@ -28,8 +28,10 @@ class Slam::Impl {
         initializer_(options.markers, camera_.focalLength(), options.initialization),
         rolling_shutter_(options.shutter, options.markers),
         tracker_(camera_, options.tracking, rolling_shutter_),
-        updater_(options_, camera_, tracker_.tracker().optimizer(), local_, &screening_,
-                 &rolling_shutter_, &counters_),
+        updater_(
+            {options_.markers, options_.mapper, options_.loops, options_.tracking.relocalization},
+            camera_, tracker_.tracker().optimizer(), local_, &screening_, &rolling_shutter_,
+            &counters_),
         locator_(screening_, camera_, rolling_shutter_, tracker_.tracker()),
         map_(std::move(map)),
         last_old_keyframe_(map_.keyframes().empty() ? -1 : map_.keyframes().rbegin()->first) {

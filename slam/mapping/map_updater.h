@@ -6,13 +6,13 @@
 #include <span>
 #include <vector>
 
+#include "slam/camera/rolling_shutter_estimator.h"
 #include "slam/counters.h"
 #include "slam/loop_closure/loop_closure_manager.h"
 #include "slam/map/map.h"
+#include "slam/map/marker_options.h"
 #include "slam/mapping/mapper.h"
-#include "slam/camera/rolling_shutter_estimator.h"
 #include "slam/marker_screening/marker_screening.h"
-#include "slam/options.h"
 #include "slam/tracking/frame_tracker.h"
 
 namespace waymark::slam {
@@ -33,11 +33,19 @@ struct FinishedWork {
   bool loop_closed = false;
 };
 
+// The options of what it puts together.
+struct MapUpdaterOptions {
+  const MarkerOptions& markers;
+  const MapperOptions& mapper;
+  const LoopOptions& loops;
+  const RelocalizerOptions& relocalization;
+};
+
 // All that it is given must outlive it.
 class MapUpdater {
  public:
-  MapUpdater(const Options& options, const CameraModel& camera, const PoseOptimizer& optimizer,
-             const LocalMarkers& local, MarkerScreening* screening,
+  MapUpdater(const MapUpdaterOptions& options, const CameraModel& camera,
+             const PoseOptimizer& optimizer, const LocalMarkers& local, MarkerScreening* screening,
              RollingShutterEstimator* rolling_shutter, Counters* counters)
       : options_(options),
         camera_(camera),
@@ -45,8 +53,8 @@ class MapUpdater {
         rolling_shutter_(rolling_shutter),
         counters_(counters),
         mapper_(options.markers, camera.focalLength(), options.mapper),
-        loops_(options.markers, options.loops, options.tracking.relocalization, camera, optimizer,
-               local, screening, counters) {}
+        loops_(options.markers, options.loops, options.relocalization, camera, optimizer, local,
+               screening, counters) {}
 
   // The first keyframes and markers of an empty map. Returns where the last of them is.
   Transform begin(const Start& start, Map* map) { return mapper_.begin(start, map, counters_); }
@@ -75,7 +83,7 @@ class MapUpdater {
  private:
   [[nodiscard]] bool screenMarkers(const TrackedFrame& frame, Map* map);
 
-  const Options& options_;
+  MapUpdaterOptions options_;
   const CameraModel& camera_;
   MarkerScreening* screening_;
   RollingShutterEstimator* rolling_shutter_;
