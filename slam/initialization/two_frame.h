@@ -2,10 +2,12 @@
 #pragma once
 
 #include <span>
+#include <string>
 #include <variant>
 #include <vector>
 
 #include "slam/initialization/one_frame.h"
+#include "slam/optimization/bundle_adjuster.h"
 
 namespace waymark::slam {
 
@@ -19,7 +21,13 @@ struct TwoFrameOptions {
   // The motion between the frames must explain them this many times better than any motion that
   // turns the camera elsewhere, and each marker's pose than its other one (tau_e).
   double ambiguity_ratio = 3.0;
+  // Of a motion together with the markers' poses: a few corners in two frames, whose covariances
+  // are all that is known of their noise.
+  BundleOptions refinement{.max_iterations = 10, .estimate_residual_sigma = false};
   SquarePoseOptions square;
+
+  // Empty when usable, else what is wrong.
+  [[nodiscard]] std::string invalidReason() const;
 };
 
 struct TwoFrameStart {

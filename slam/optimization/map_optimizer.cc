@@ -3,6 +3,7 @@
 #include <span>
 #include <utility>
 
+#include "slam/option_checks.h"
 #include "slam/rolling_shutter/rolling_shutter.h"
 
 namespace waymark::slam {
@@ -45,6 +46,12 @@ MapCorrection optimizeAtOnce(Map* map, SubproblemMembers roles, const MarkerOpti
 }
 
 }  // namespace
+
+std::string IntrinsicPriors::invalidReason() const {
+  return firstUnmet(
+      {{isNotNegative(focal_px) && isNotNegative(centre_px) && isNotNegative(distortion),
+        "the sigmas of the intrinsics must not be negative"}});
+}
 
 IntrinsicVector IntrinsicPriors::sigmas() const {
   IntrinsicVector sigmas;

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <optional>
+#include <string>
 
 #include "base/task.h"
 #include "slam/optimization/subproblem.h"
@@ -15,6 +16,8 @@ struct IntrinsicPriors {
   double distortion = 0.01;  // of every coefficient
 
   [[nodiscard]] IntrinsicVector sigmas() const;
+  // Empty when usable, else what is wrong.
+  [[nodiscard]] std::string invalidReason() const;
 };
 
 // A part of the map; its keyframes and markers as they are now. The map and the options must
