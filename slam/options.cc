@@ -1,8 +1,7 @@
 #include "slam/options.h"
 
-#include <cmath>
-
 #include "base/task.h"
+#include "slam/option_checks.h"
 
 namespace waymark::slam {
 
@@ -13,20 +12,26 @@ void Options::treatAsUnorderedImages() {
 }
 
 std::string Options::invalidReason() const {
-  const auto positive = [](double v) { return std::isfinite(v) && v > 0.0; };
-  if (std::string reason = markers.invalidReason(); !reason.empty()) return reason;
-  if (!(initialization.ambiguity_ratio >= 1.0) || !(mapper.marker_pose.ambiguity_ratio >= 1.0) ||
-      !(tracking.relocalization.ambiguity_ratio >= 1.0)) {
-    return "ambiguity ratios must be at least 1";
-  }
-  if (initialization.attempts < 1) return "initialization needs at least 1 attempt";
-  const KeyframeOptions& keyframes = mapper.keyframes;
-  if (!positive(keyframes.min_baseline_m) || !positive(keyframes.min_rotation_rad)) {
-    return "keyframe distances must be positive";
-  }
-  if (keyframes.views_per_marker < 2) return "views per marker must be at least 2";
-  if (mapper.marker_pose.min_views < 2) return "a marker needs at least 2 views to be resolved";
-  return {};
+  return firstReason({
+      markers.invalidReason(),
+      detector.invalidReason(),
+      follower.invalidReason(),
+      initialization.invalidReason(),
+      mapper.keyframes.invalidReason(),
+      mapper.local_optimization.invalidReason(),
+      loops.invalidReason(),
+      screening.invalidReason(),
+      shutter.invalidReason(),
+      global_optimization.invalidReason(),
+      intrinsics.invalidReason(),
+      firstUnmet({
+          {mapper.marker_pose.ambiguity_ratio >= 1.0 &&
+               tracking.relocalization.ambiguity_ratio >= 1.0,
+           "ambiguity ratios must be at least 1"},
+          {mapper.marker_pose.min_views >= 2, "a marker needs at least 2 views to be resolved"},
+          {isPositive(work_per_frame), "the work of a frame must be positive"},
+      }),
+  });
 }
 
 }  // namespace waymark::slam

@@ -4,8 +4,15 @@
 
 #include "slam/camera/undistort_map.h"
 #include "slam/optimization/subproblem.h"
+#include "slam/option_checks.h"
 
 namespace waymark::slam {
+
+std::string IntrinsicPriors::invalidReason() const {
+  return firstUnmet(
+      {{isNotNegative(focal_px) && isNotNegative(centre_px) && isNotNegative(distortion),
+        "the sigmas of the intrinsics must not be negative"}});
+}
 
 IntrinsicVector IntrinsicPriors::sigmas() const {
   IntrinsicVector sigmas;

@@ -1,6 +1,8 @@
 // The lens among the unknowns of the global optimization (seed 1, section 4.10, Eq. 41).
 #pragma once
 
+#include <string>
+
 #include "slam/geometry/camera_model.h"
 #include "slam/map/map.h"
 #include "slam/map/marker_options.h"
@@ -15,6 +17,8 @@ struct IntrinsicPriors {
   double distortion = 0.01;  // of every coefficient
 
   [[nodiscard]] IntrinsicVector sigmas() const;
+  // Empty when usable, else what is wrong.
+  [[nodiscard]] std::string invalidReason() const;
 };
 
 // As optimizeGlobally(), with the intrinsics as unknowns (Eq. 41), expected where the calibration

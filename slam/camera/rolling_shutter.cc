@@ -4,8 +4,20 @@
 #include <cmath>
 
 #include "slam/geometry/reprojection.h"
+#include "slam/option_checks.h"
 
 namespace waymark::slam {
+
+std::string RollingShutterOptions::invalidReason() const {
+  return firstUnmet({
+      {!readout_s || std::isfinite(*readout_s), "the readout time must be a number"},
+      {std::isfinite(learned_s), "the learned readout time must be a number"},
+      {isNotNegative(min_s) && max_s >= min_s, "the range of readout times is empty"},
+      {isNotNegative(min_sigmas), "the sigmas of a readout time must not be negative"},
+      {first_keyframes >= 1 && max_keyframes >= 1, "a readout time needs at least 1 keyframe"},
+      {growth > 1.0, "the map must grow before the readout time is estimated again"},
+  });
+}
 
 Eigen::Vector2d imageVelocity(const Eigen::Vector3d& p_c, const Twist& twist) {
   const Eigen::Vector3d velocity = -twist.head<3>() - twist.tail<3>().cross(p_c);

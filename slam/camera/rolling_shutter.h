@@ -7,6 +7,7 @@
 
 #include <array>
 #include <optional>
+#include <string>
 
 #include "slam/detection/marker_detection.h"
 #include "slam/geometry/camera_model.h"
@@ -65,6 +66,9 @@ struct RollingShutterOptions {
   int first_keyframes = 8;
   double growth = 1.4;
   int max_keyframes = 100;
+
+  // Empty when usable, else what is wrong.
+  [[nodiscard]] std::string invalidReason() const;
 };
 
 // Whether an estimate is to be used instead of the readout time in use.

@@ -5,6 +5,7 @@
 #include <utility>
 
 #include "slam/geometry/plane.h"
+#include "slam/option_checks.h"
 
 namespace waymark::slam {
 namespace {
@@ -21,7 +22,7 @@ double diagonalOf(const Quad& quad) { return (quad[2] - quad[0]).norm(); }
 
 double diagonal(const MarkerDetection& d) { return diagonalOf(d.pixels); }
 
-constexpr std::size_t kMaxRejected = 256;
+constexpr std::size_t kMaxRejected = 256;  // what memory is taken for
 
 // Nothing, and why.
 std::nullopt_t count(int* reason) {
@@ -31,9 +32,32 @@ std::nullopt_t count(int* reason) {
 
 }  // namespace
 
+std::string DetectorOptions::invalidReason() const {
+  return firstReason({
+      scanner.invalidReason(),
+      edges.invalidReason(),
+      decoder.invalidReason(),
+      firstUnmet({
+          {rejected_frames >= 0, "the frames of a rejected square must not be negative"},
+          {isNotNegative(same_rejected),
+           "the share of a same rejected square must not be negative"},
+          {isNotNegative(entering_px), "the margin of what enters must not be negative"},
+          {isNotNegative(min_reduced_diagonal_px),
+           "the shortest reduced diagonal must not be negative"},
+          {isNotNegative(readable_cell_px), "the size of a readable cell must not be negative"},
+          {reduced_margin_px >= 0, "the margin of a reduced square must not be negative"},
+          {isPositive(known_centre) && isPositive(min_known_size) &&
+               max_known_size >= min_known_size,
+           "a known square's share and factors must be positive"},
+          {isNotNegative(same_place), "the share of a same place must not be negative"},
+      }),
+  });
+}
+
 MarkerDetector::MarkerDetector(const CameraModel& camera, Dictionary dictionary,
                                const DetectorOptions& options)
     : camera_(camera),
+      options_(options),
       dictionary_(std::move(dictionary)),
       scanner_(options.scanner),
       refiner_(camera_, options.edges),
@@ -53,8 +77,9 @@ void MarkerDetector::begin() {
   measured_.clear();
   detections_.clear();
   counters_ = {};
-  constexpr int kPatience = 4;  // frames: light and blur may be better by then
-  std::erase_if(rejected_, [](Rejected& rejected) { return ++rejected.frames > kPatience; });
+  std::erase_if(rejected_, [this](Rejected& rejected) {
+    return ++rejected.frames > options_.rejected_frames;
+  });
 }
 
 bool MarkerDetector::confirm(const ImageView& image, int id,
@@ -104,7 +129,6 @@ void MarkerDetector::scanWhole(const ImageView& image, const Window& window, int
 void MarkerDetector::scanReduced(const ImageView& image, const SearchRegion& turn) {
   const Window& window = turn.window;
   const int factor = turn.factor;
-  constexpr double kMinReduced = 20.0;  // pixels from corner to corner
   candidates_.clear();
   for (Quad quad : scanner_.scan(reducer_.reduce(partOf(image, window), factor), turn.max_px)) {
     // The middle of a reduced pixel is in the middle of those it was made of.
@@ -113,24 +137,21 @@ void MarkerDetector::scanReduced(const ImageView& image, const SearchRegion& tur
                Eigen::Vector2d::Constant(0.5 * (factor - 1));
     }
     // Smaller ones are found at a larger size.
-    if (factor > 2 && diagonalOf(quad) < kMinReduced * factor) continue;
+    if (factor > 2 && diagonalOf(quad) < options_.min_reduced_diagonal_px * factor) continue;
     if (!isKnown(quad) && !wasRejected(quad)) candidates_.push_back(quad);
   }
   for (const Quad& quad : candidates_) {
     const auto corners = undistortCorners(camera_, quad);
     if (!corners) continue;
     const QuadContent content = decoder_.read(image, *corners).content;
-    // These corners are good to a reduced pixel: a code that is no marker's with them may be one
-    // with better corners only if its cells are not much larger.
-    constexpr double kReadable = 3.0;
-    const bool unreadable = diagonalOf(quad) < kReadable * factor * dictionary_.cells();
+    const bool unreadable =
+        diagonalOf(quad) < options_.readable_cell_px * factor * dictionary_.cells();
     if (content == QuadContent::kNothing || (content == QuadContent::kNoCode && !unreadable)) {
       reject(quad);
       continue;
     }
-    constexpr int kMargin = 12;  // pixels: more than the adaptive threshold looks around
     const std::size_t before = measured_.size();
-    scanWhole(image, windowAround(quad, kMargin + factor, image));
+    scanWhole(image, windowAround(quad, options_.reduced_margin_px + factor, image));
     if (measured_.size() == before) reject(quad);
   }
 }
@@ -139,8 +160,8 @@ bool MarkerDetector::wasRejected(const Quad& quad) {
   const Eigen::Vector2d centre = centreOf(quad);
   const double diagonal = diagonalOf(quad);
   const auto known = std::ranges::find_if(rejected_, [&](const Rejected& rejected) {
-    return (rejected.centre - centre).norm() < 0.2 * diagonal &&
-           std::abs(rejected.diagonal - diagonal) < 0.2 * diagonal;
+    return (rejected.centre - centre).norm() < options_.same_rejected * diagonal &&
+           std::abs(rejected.diagonal - diagonal) < options_.same_rejected * diagonal;
   });
   if (known == rejected_.end()) return false;
   known->centre = centre;
@@ -149,9 +170,9 @@ bool MarkerDetector::wasRejected(const Quad& quad) {
 
 // What is only just coming into view may be a marker in the next frame.
 void MarkerDetector::reject(const Quad& quad) {
-  constexpr double kMargin = 12.0;  // pixels
-  const bool inside = std::ranges::all_of(
-      quad, [&](const Eigen::Vector2d& corner) { return camera_.inImage(corner, kMargin); });
+  const bool inside = std::ranges::all_of(quad, [&](const Eigen::Vector2d& corner) {
+    return camera_.inImage(corner, options_.entering_px);
+  });
   if (inside && rejected_.size() < kMaxRejected)
     rejected_.push_back({centreOf(quad), diagonalOf(quad), 0});
 }
@@ -204,8 +225,9 @@ bool MarkerDetector::isKnown(const Quad& quad) const {
   return std::ranges::any_of(measured_, [&](const MeasuredMarker& measured) {
     const MarkerDetection& known = measured.detection;
     const double known_size = diagonal(known) + (known.pixels[3] - known.pixels[1]).norm();
-    return (centre(known) - middle).norm() < 0.1 * known_size && size > 0.8 * known_size &&
-           size < 1.25 * known_size;
+    return (centre(known) - middle).norm() < options_.known_centre * known_size &&
+           size > options_.min_known_size * known_size &&
+           size < options_.max_known_size * known_size;
   });
 }
 
@@ -221,7 +243,8 @@ void MarkerDetector::removeRepeated() {
                                    [&](const MarkerDetection& d) { return d.id != first->id; });
     bool elsewhere = false;
     for (auto other = first + 1; other < last; ++other) {
-      const bool same_place = (centre(*other) - centre(*first)).norm() < 0.25 * diagonal(*first);
+      const bool same_place =
+          (centre(*other) - centre(*first)).norm() < options_.same_place * diagonal(*first);
       elsewhere = elsewhere || !same_place;
       ++(same_place ? counters_.doubled : counters_.repeated);
     }

@@ -5,6 +5,7 @@
 
 #include <array>
 #include <optional>
+#include <string>
 #include <vector>
 
 #include "base/image_view.h"
@@ -23,6 +24,34 @@ struct DetectorOptions {
   QuadScannerOptions scanner;
   EdgeRefinerOptions edges;
   MarkerDecoderOptions decoder;
+  // A square that was no marker is not looked at again for so many frames: light and blur may be
+  // better by then.
+  int rejected_frames = 4;
+  // It is the same one where centre and diagonal are within this share of its diagonal.
+  double same_rejected = 0.2;
+  // Nearer to the image's border than this it is looked at in every frame, pixels: what is only
+  // just coming into view may be a marker in the next one.
+  double entering_px = 12.0;
+  // In images reduced to less than a half, squares with a shorter diagonal are left to larger
+  // sizes, reduced pixels.
+  double min_reduced_diagonal_px = 20.0;
+  // A square found in a reduced image has corners good to a reduced pixel: where its cells are
+  // smaller than so many of those, a code that is no marker's may be one with better corners.
+  double readable_cell_px = 3.0;
+  // What may be a marker in a reduced image is searched again in the whole one with this margin,
+  // pixels: more than the adaptive threshold looks around.
+  int reduced_margin_px = 12;
+  // A quad is a marker that was found already where the centre is within this share of that
+  // marker's size, and its own size within these factors of it.
+  double known_centre = 0.1;
+  double min_known_size = 0.8;
+  double max_known_size = 1.25;
+  // Two of the same id are two outlines of one border where the centres are within this share of
+  // the diagonal; else they are two prints.
+  double same_place = 0.25;
+
+  // Empty when usable, else what is wrong.
+  [[nodiscard]] std::string invalidReason() const;
 };
 
 // What became of the candidates of the last image.
@@ -89,6 +118,7 @@ class MarkerDetector {
   void removeRepeated();
 
   const CameraModel& camera_;
+  DetectorOptions options_;
   Dictionary dictionary_;
   std::vector<InnerRing> rings_;  // by id
   QuadScanner scanner_;

@@ -3,6 +3,8 @@
 #include <utility>
 #include <variant>
 
+#include "slam/option_checks.h"
+
 namespace waymark::slam {
 namespace {
 
@@ -21,6 +23,16 @@ NoPoseReason reasonOf(TwoFrameFailure failure) {
 }
 
 }  // namespace
+
+std::string InitializationOptions::invalidReason() const {
+  return firstReason({
+      firstUnmet({
+          {ambiguity_ratio >= 1.0, "ambiguity ratios must be at least 1"},
+          {attempts >= 1, "initialization needs at least 1 attempt"},
+      }),
+      two_frame.invalidReason(),
+  });
+}
 
 std::optional<Start> Initializer::process(const Keyframe& frame) {
   if (frame.detections.empty()) {

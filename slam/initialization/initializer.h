@@ -2,6 +2,7 @@
 #pragma once
 
 #include <optional>
+#include <string>
 #include <vector>
 
 #include "slam/initialization/one_frame.h"
@@ -18,6 +19,9 @@ struct InitializationOptions {
   int attempts = 60;
   TwoFrameOptions two_frame;
   SquarePoseOptions square;
+
+  // Empty when usable, else what is wrong.
+  [[nodiscard]] std::string invalidReason() const;
 };
 
 // The first keyframes, of which the first is the world, and the markers that have a pose.

@@ -7,7 +7,7 @@
 #include "slam/geometry/reprojection.h"
 #include "slam/geometry/two_hypotheses.h"
 #include "slam/marker_pose/marker_resolver.h"
-#include "slam/optimization/bundle_adjuster.h"
+#include "slam/option_checks.h"
 
 namespace waymark::slam {
 namespace {
@@ -74,7 +74,8 @@ struct Motion {
 };
 
 // The motion refined together with the common markers' poses, started where Eq. 19-20 put them.
-Motion refine(const std::vector<CommonMarker>& common, const Transform& T_0_1) {
+Motion refine(const std::vector<CommonMarker>& common, const Transform& T_0_1,
+              const BundleOptions& options) {
   BundleProblem problem;
   problem.cameras = {{Transform{}, true}, {T_0_1, false}};
   for (const CommonMarker& m : common) {
@@ -96,8 +97,7 @@ Motion refine(const std::vector<CommonMarker>& common, const Transform& T_0_1) {
     problem.observations.push_back({0, index, m.seen[0]});
     problem.observations.push_back({1, index, m.seen[1]});
   }
-  const BundleSummary summary =
-      adjustBundle(&problem, {.max_iterations = 10, .estimate_residual_sigma = false});
+  const BundleSummary summary = adjustBundle(&problem, options);
   return {problem.cameras[1].T, std::min(summary.final_cost, kBehind)};
 }
 
@@ -120,10 +120,12 @@ std::vector<Motion> proposeMotions(const std::vector<CommonMarker>& common) {
 // The best motion that stays another one after refinement; empty when there is none.
 std::optional<Motion> otherMotion(const std::vector<CommonMarker>& common,
                                   const std::vector<Motion>& motions, const Motion& best,
-                                  double other_rotation_rad) {
+                                  const TwoFrameOptions& options) {
   return otherHypothesis(
-      motions, best.T_0_1, other_rotation_rad,
-      [&](const Motion& rival) { return std::optional(refine(common, rival.T_0_1)); },
+      motions, best.T_0_1, options.other_rotation_rad,
+      [&](const Motion& rival) {
+        return std::optional(refine(common, rival.T_0_1, options.refinement));
+      },
       [](const Motion& motion) { return motion.T_0_1; });
 }
 
@@ -159,6 +161,18 @@ double meanCornerVariance(const std::vector<CommonMarker>& common) {
 
 }  // namespace
 
+std::string TwoFrameOptions::invalidReason() const {
+  return firstReason({
+      firstUnmet({
+          {isPositive(min_baseline_m) && isNotNegative(min_baseline_per_depth),
+           "the baseline of two frames must be positive"},
+          {isPositive(worst_chi2_per_marker), "the chi-square of two frames must be positive"},
+          {ambiguity_ratio >= 1.0, "ambiguity ratios must be at least 1"},
+      }),
+      refinement.invalidReason(),
+  });
+}
+
 std::variant<TwoFrameStart, TwoFrameFailure> initializeFromTwoFrames(
     std::span<const MarkerDetection> first, std::span<const MarkerDetection> second,
     const MarkerOptions& markers, double focal_px, const TwoFrameOptions& options) {
@@ -166,13 +180,13 @@ std::variant<TwoFrameStart, TwoFrameFailure> initializeFromTwoFrames(
       commonMarkers(first, second, markers, focal_px, options.square);
   if (common.empty()) return TwoFrameFailure::kNoCommonMarker;
   const std::vector<Motion> motions = proposeMotions(common);
-  const Motion best = refine(common, motions.front().T_0_1);
+  const Motion best = refine(common, motions.front().T_0_1, options.refinement);
   const double baseline =
       std::max(options.min_baseline_m, options.min_baseline_per_depth * meanDepth(common));
   if (best.T_0_1.p.norm() < baseline) return TwoFrameFailure::kShortBaseline;
   const double n = static_cast<double>(common.size());
   if (best.error > options.worst_chi2_per_marker * n) return TwoFrameFailure::kPoorFit;
-  if (const auto other = otherMotion(common, motions, best, options.other_rotation_rad)) {
+  if (const auto other = otherMotion(common, motions, best, options)) {
     const double floor = comparisonFloor(meanCornerVariance(common), focal_px,
                                          2 * static_cast<int>(common.size()), options.square);
     if ((other->error + floor) / (best.error + floor) < options.ambiguity_ratio) {

@@ -2,10 +2,12 @@
 #pragma once
 
 #include <span>
+#include <string>
 #include <variant>
 #include <vector>
 
 #include "slam/initialization/one_frame.h"
+#include "slam/optimization/bundle_adjuster.h"
 
 namespace waymark::slam {
 
@@ -22,7 +24,13 @@ struct TwoFrameOptions {
   // What counts as turned elsewhere, radians: more than noise moves a refined motion, less than
   // what a marker's two solutions differ by.
   double other_rotation_rad = 0.05;
+  // Of a motion together with the markers' poses: a few corners in two frames, whose covariances
+  // are all that is known of their noise.
+  BundleOptions refinement{.max_iterations = 10, .estimate_residual_sigma = false};
   SquarePoseOptions square;
+
+  // Empty when usable, else what is wrong.
+  [[nodiscard]] std::string invalidReason() const;
 };
 
 struct TwoFrameStart {

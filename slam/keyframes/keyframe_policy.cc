@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "base/stack_arena.h"
+#include "slam/option_checks.h"
 
 namespace waymark::slam {
 namespace {
@@ -84,6 +85,15 @@ bool widensBaseline(const Map& map, std::span<const MarkerDetection> detections,
 }
 
 }  // namespace
+
+std::string KeyframeOptions::invalidReason() const {
+  return firstUnmet({
+      {isPositive(min_baseline_m) && isPositive(min_rotation_rad),
+       "keyframe distances must be positive"},
+      {isNotNegative(min_baseline_per_depth), "keyframe distances must not be negative"},
+      {views_per_marker >= 2, "views per marker must be at least 2"},
+  });
+}
 
 double viewDistance(const Transform& a, const Transform& b, double depth_m,
                     const KeyframeOptions& options) {

@@ -3,6 +3,7 @@
 
 #include <optional>
 #include <span>
+#include <string>
 
 #include "slam/map/map.h"
 
@@ -19,6 +20,9 @@ struct KeyframeOptions {
   double min_rotation_rad = 0.15;
   // N_c of Eq. 28: keyframes kept per marker.
   int views_per_marker = 12;
+
+  // Empty when usable, else what is wrong.
+  [[nodiscard]] std::string invalidReason() const;
 };
 
 // How far apart two views of a scene at `depth_m` are: 1 is what min_baseline and min_rotation ask

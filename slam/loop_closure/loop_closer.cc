@@ -9,6 +9,7 @@
 #include "slam/geometry/robust.h"
 #include "slam/geometry/two_hypotheses.h"
 #include "slam/optimization/map_fit.h"
+#include "slam/option_checks.h"
 
 namespace waymark::slam {
 namespace {
@@ -250,14 +251,31 @@ std::optional<LoopRejection> rejectionOf(const Candidate& best,
   if (!other || !isAnotherPose(other->T_w_closing, best.T_w_closing, options.other_rotation_rad)) {
     return std::nullopt;
   }
-  // Odds, not a quotient of small numbers: both growths above what noise alone makes of them.
-  const double floor = 8.0;
+  const double floor = options.ambiguity_floor;
   const bool much_worse = std::max(other->growth, 0.0) + floor >=
                           options.ambiguity_ratio * (std::max(best.growth, 0.0) + floor);
   return much_worse ? std::nullopt : std::optional(LoopRejection::kAmbiguous);
 }
 
 }  // namespace
+
+std::string LoopOptions::invalidReason() const {
+  return firstReason({
+      firstUnmet({
+          {edges_per_keyframe >= 0, "the edges of a keyframe must not be negative"},
+          {isNotNegative(max_growth) && isNotNegative(max_growth_share) &&
+               isNotNegative(max_growth_of_model_errors),
+           "the growth that a loop closure may cause must not be negative"},
+          {isPositive(max_closing_error), "the error of a closing frame must be positive"},
+          {ambiguity_ratio >= 1.0, "ambiguity ratios must be at least 1"},
+          {isNotNegative(ambiguity_floor), "the floor of a loop's ambiguity must not be negative"},
+          {isNotNegative(cost_per_view), "the cost of a loop's view must not be negative"},
+          {isPositive(frames_to_close), "the frames of a loop closure must be positive"},
+      }),
+      pose_graph.invalidReason(),
+      optimization.invalidReason(),
+  });
+}
 
 Task<LoopOutcome> closeLoop(const Map& map, LoopFrame loop, const MarkerOptions& markers,
                             LoopOptions options, Budget* budget) {

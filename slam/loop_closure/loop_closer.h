@@ -3,6 +3,7 @@
 
 #include <optional>
 #include <span>
+#include <string>
 #include <variant>
 #include <vector>
 
@@ -39,11 +40,17 @@ struct LoopOptions {
   // They are two only if the closing frame ends up turned by this much, radians: the optimization
   // may lead the second one to the first one's map, which is no contradiction.
   double other_rotation_rad = 0.05;
+  // Added to both growths before they are compared, in units of the noise: odds, not a quotient of
+  // small numbers. What noise alone makes of one view.
+  double ambiguity_floor = 8.0;
   // A closure gets as much of a frame as it needs to be done after so many, before what is not
   // corrected meanwhile has gone far astray: units for each view of a marker, all iterations
   // together. More than Options::work_per_frame only in large maps.
   double cost_per_view = 20.0;
   double frames_to_close = 60.0;
+
+  // Empty when usable, else what is wrong.
+  [[nodiscard]] std::string invalidReason() const;
 };
 
 // The frame that sees both ends of a loop.

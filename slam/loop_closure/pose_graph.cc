@@ -5,6 +5,7 @@
 #include <utility>
 
 #include "slam/optimization/block_system.h"
+#include "slam/option_checks.h"
 
 namespace waymark::slam {
 namespace {
@@ -96,6 +97,14 @@ Task<bool> solve(const PoseGraph& graph, double scale, double lambda, BlockSyste
 }
 
 }  // namespace
+
+std::string PoseGraphOptions::invalidReason() const {
+  return firstUnmet({
+      {max_iterations >= 1, "a pose graph needs at least 1 iteration"},
+      {isNotNegative(min_relative_decrease), "the least decrease of a cost must not be negative"},
+      {isPositive(radians_per_metre), "the weight of a metre in a pose graph must be positive"},
+  });
+}
 
 Vector6d edgeError(const Transform& T_w_a, const Transform& T_w_b, const Transform& T_a_b,
                    double radians_per_metre) {

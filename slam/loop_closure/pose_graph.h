@@ -2,6 +2,7 @@
 // the keyframes of the loop.
 #pragma once
 
+#include <string>
 #include <vector>
 
 #include "base/task.h"
@@ -26,6 +27,9 @@ struct PoseGraphOptions {
   double min_relative_decrease = 1e-6;
   // One metre of an edge's error counts as much as this many radians.
   double radians_per_metre = 0.5;
+
+  // Empty when usable, else what is wrong.
+  [[nodiscard]] std::string invalidReason() const;
 };
 
 struct PoseGraphSummary {

@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <iterator>
 
+#include "slam/option_checks.h"
+
 namespace waymark::slam {
 namespace {
 
@@ -21,6 +23,17 @@ void quarantine(int marker_id, Map* map, Counters* counters) {
 }
 
 }  // namespace
+
+std::string MarkerScreeningOptions::invalidReason() const {
+  return firstUnmet({
+      {isNotNegative(border_px), "the margin of clipped markers must not be negative"},
+      {doubled_frames >= 1, "a doubled marker needs at least 1 frame"},
+      {moved_frames >= 1 && moved_ns >= 0, "a moved marker needs at least 1 frame"},
+      {max_moves >= 0, "the number of moves must not be negative"},
+      {isNotNegative(same_place_m) && isNotNegative(same_place_rad),
+       "the distances of the same place must not be negative"},
+  });
+}
 
 std::span<const MarkerDetection> MarkerScreening::screen(
     std::span<const MarkerDetection> detections, const CameraModel& camera, const Map& map,

@@ -5,6 +5,7 @@
 #include <cstdint>
 #include <map>
 #include <span>
+#include <string>
 #include <vector>
 
 #include "slam/counters.h"
@@ -29,6 +30,9 @@ struct MarkerScreeningOptions {
   // ... and at once when it is back where it was before: two prints of one id look like that.
   double same_place_m = 0.05;
   double same_place_rad = 0.3;
+
+  // Empty when usable, else what is wrong.
+  [[nodiscard]] std::string invalidReason() const;
 };
 
 class MarkerScreening {

@@ -6,6 +6,7 @@
 #include <utility>
 
 #include "slam/geometry/robust.h"
+#include "slam/option_checks.h"
 
 namespace waymark::slam {
 namespace {
@@ -36,6 +37,17 @@ bool moveLens(const BundleProblem::Lens& from, const IntrinsicVector& step,
 }
 
 }  // namespace
+
+std::string BundleOptions::invalidReason() const {
+  return firstUnmet({
+      {max_iterations >= 1, "an optimization needs at least 1 iteration"},
+      {isNotNegative(min_relative_decrease), "the least decrease of a cost must not be negative"},
+      {isPositive(huber), "Huber's threshold must be positive"},
+      {isNotNegative(view_chi2), "the chi-square of gross views must not be negative"},
+      {min_views >= 0, "the views that every pose keeps must not be negative"},
+      {isShare(max_gated_share), "the share of gross views must be from 0 to 1"},
+  });
+}
 
 Task<BundleSummary> BundleAdjuster::run(Budget* budget) {
   bool going_on = co_await begin(budget);
@@ -143,20 +155,19 @@ std::vector<std::size_t> BundleAdjuster::outlierViews(const std::vector<double>&
     ++views_of_camera[static_cast<std::size_t>(view.camera)];
     ++views_of_marker[static_cast<std::size_t>(view.marker)];
   }
-  constexpr int kKept = 2;
   const double worst = options_.view_chi2 * summary_.residual_sigma * summary_.residual_sigma;
   for (std::size_t i = 0; i < problem_.observations.size(); ++i) {
     const double* corners = squared.data() + 4 * i;
     if (corners[0] + corners[1] + corners[2] + corners[3] <= worst) continue;
     int& of_camera = views_of_camera[static_cast<std::size_t>(problem_.observations[i].camera)];
     int& of_marker = views_of_marker[static_cast<std::size_t>(problem_.observations[i].marker)];
-    if (of_camera <= kKept || of_marker <= kKept) continue;
+    if (of_camera <= options_.min_views || of_marker <= options_.min_views) continue;
     --of_camera;
     --of_marker;
     outliers.push_back(i);
   }
-  // So many are no outliers: the model is wrong, or far from converged.
-  if (4 * outliers.size() > problem_.observations.size()) outliers.clear();
+  const auto views = static_cast<double>(problem_.observations.size());
+  if (static_cast<double>(outliers.size()) > options_.max_gated_share * views) outliers.clear();
   return outliers;
 }
 

@@ -7,6 +7,7 @@
 #pragma once
 
 #include <optional>
+#include <string>
 #include <utility>
 #include <vector>
 
@@ -28,9 +29,16 @@ struct BundleOptions {
   bool estimate_residual_sigma = true;
   // Views of a marker that fit worse than this in the middle of the adjustment take no part in the
   // rest of it: chi-square of 8 residuals, in units of the noise; 26.1 is the 99.9 % quantile, but
-  // lenses and bent paper have wider tails. Every pose keeps two views, and when more than
-  // a quarter would go, none does. 0 for no gate.
+  // lenses and bent paper have wider tails. 0 for no gate.
   double view_chi2 = 60.0;
+  // Views that every pose keeps, however they fit: from one the pose is ambiguous.
+  int min_views = 2;
+  // When a larger share of the views would go, none does: so many are no outliers, the model is
+  // wrong or far from converged.
+  double max_gated_share = 0.25;
+
+  // Empty when usable, else what is wrong.
+  [[nodiscard]] std::string invalidReason() const;
 };
 
 struct BundleSummary {

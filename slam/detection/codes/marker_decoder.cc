@@ -7,6 +7,7 @@
 #include <optional>
 
 #include "slam/geometry/homography.h"
+#include "slam/option_checks.h"
 
 namespace waymark::slam {
 namespace {
@@ -47,6 +48,19 @@ double bend(const CameraModel& camera, const Eigen::Matrix3d& H, const Eigen::Ma
 
 }  // namespace
 
+std::string MarkerDecoderOptions::invalidReason() const {
+  return firstUnmet({
+      {max_wrong_bits >= 0, "the number of wrong bits must not be negative"},
+      {isShare(max_wrong_border) && isShare(max_wrong_rough_border),
+       "the shares of wrong border cells must be from 0 to 1"},
+      {isPositive(min_contrast), "the least contrast of a border must be positive"},
+      {isNotNegative(straight_bend), "the bend of a straight print must not be negative"},
+      {isPositive(large_cell_px), "the size of a large cell must be positive"},
+      {sample_spread >= 0.0 && sample_spread < 0.5,
+       "the spread of samples must be from 0 to less than half a cell"},
+  });
+}
+
 MarkerDecoder::MarkerDecoder(const CameraModel& camera, const Dictionary& dictionary,
                              const MarkerDecoderOptions& options)
     : camera_(camera), dictionary_(dictionary), options_(options) {
@@ -61,14 +75,11 @@ bool MarkerDecoder::layOutCells(const Corners& corners) {
   const auto H_px = homographyFromUnitSquare(pixels);
   if (!H_px) return false;
   const int cells = dictionary_.cells();
-  // Across most markers a lens bends nothing that a cell would notice.
-  constexpr double kUnnoticed = 0.1;  // cells
   const double cell_px =
       std::sqrt((pixels[2] - pixels[0]).norm() * (pixels[3] - pixels[1]).norm()) /
       (std::numbers::sqrt2 * cells);
-  constexpr double kLargeCell = 5.0;  // pixels: their nearest neighbours are all within the cell
-  large_cells_ = cell_px >= kLargeCell;
-  const bool straight = bend(camera_, *H, *H_px) < kUnnoticed * cell_px;
+  large_cells_ = cell_px >= options_.large_cell_px;
+  const bool straight = bend(camera_, *H, *H_px) < options_.straight_bend * cell_px;
   centres_.clear();
   for (int row = -1; row <= cells; ++row) {
     for (int column = -1; column <= cells; ++column) {
@@ -85,16 +96,16 @@ bool MarkerDecoder::layOutCells(const Corners& corners) {
 float MarkerDecoder::greyOf(const ImageView& image, int row, int column) const {
   const Eigen::Vector2f& middle = centre(row, column);
   if (!large_cells_) return interpolate(image, middle).value_or(-1.0F);
-  constexpr float kSpread = 0.18F;  // cells
+  const auto spread = static_cast<float>(options_.sample_spread);
   const int cells = dictionary_.cells();
   const int left = std::max(column - 1, -1);
   const int right = std::min(column + 1, cells);
   const int over = std::max(row - 1, -1);
   const int under = std::min(row + 1, cells);
   const Eigen::Vector2f across =
-      kSpread / static_cast<float>(right - left) * (centre(row, right) - centre(row, left));
+      spread / static_cast<float>(right - left) * (centre(row, right) - centre(row, left));
   const Eigen::Vector2f down =
-      kSpread / static_cast<float>(under - over) * (centre(under, column) - centre(over, column));
+      spread / static_cast<float>(under - over) * (centre(under, column) - centre(over, column));
   const Eigen::Vector2f falling = across + down;
   const Eigen::Vector2f rising = across - down;
   int sum = 0;

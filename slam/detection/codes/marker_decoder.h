@@ -4,6 +4,7 @@
 #include <array>
 #include <cstdint>
 #include <optional>
+#include <string>
 #include <vector>
 
 #include <Eigen/Core>
@@ -25,6 +26,18 @@ struct MarkerDecoderOptions {
   double max_wrong_rough_border = 0.35;
   // Least mean difference between the border and what surrounds it, grey levels.
   double min_contrast = 10.0;
+  // Where the lens bends a print by less than this, a share of a cell, it is taken for straight:
+  // no cell notices, and it costs less.
+  double straight_bend = 0.1;
+  // From this size on a cell is read at five places: their nearest pixels are all within the cell.
+  // Smaller ones are read in their middle, between its pixels. Pixels.
+  double large_cell_px = 5.0;
+  // How far from the middle the other four are, a share of a cell: near enough that corners may be
+  // off by a pixel or two.
+  double sample_spread = 0.18;
+
+  // Empty when usable, else what is wrong.
+  [[nodiscard]] std::string invalidReason() const;
 };
 
 // What a quadrilateral looks like.

@@ -7,6 +7,7 @@
 
 #include "base/vectorized.h"
 #include "slam/geometry/small_cholesky.h"
+#include "slam/option_checks.h"
 
 namespace waymark::slam {
 namespace {
@@ -208,15 +209,25 @@ WAYMARK_VECTORIZED int pixelsIn(const EdgeRows& rows) {
 
 }  // namespace
 
+std::string EdgeFitOptions::invalidReason() const {
+  return firstUnmet({
+      {iterations >= 1, "an edge fit needs at least 1 iteration"},
+      {isPositive(min_blur_px) && max_blur_px >= min_blur_px,
+       "the range of an edge's blur must be positive"},
+      {isPositive(min_contrast), "the least contrast of an edge must be positive"},
+      {isPositive(max_shift_px), "the largest shift of an edge must be positive"},
+      {min_pixels >= 1, "an edge needs at least 1 pixel"},
+      {isPositive(outlier_chi2), "the chi-square of an edge's outliers must be positive"},
+      {isPositive(slope_sigma) && isPositive(blur_sigma_px),
+       "the sigmas of an edge's priors must be positive"},
+  });
+}
+
 std::optional<EdgeFit> fitEdge(const EdgeRows& rows, const EdgeFit& start,
                                const EdgeFitOptions& options) {
-  constexpr int kMin = 16;
   constexpr double kConverged = 0.02;  // pixels: the next step would be a quarter of it at most
   constexpr double kMaxStep = 1.5;     // pixels
-  // Standard deviations of the priors that hold what a short edge cannot tell.
-  constexpr double kSlopePrior = 10.0;  // grey levels from end to end
-  constexpr double kBlurPrior = 0.5;    // pixels
-  if (pixelsIn(rows) < kMin) return std::nullopt;
+  if (pixelsIn(rows) < options.min_pixels) return std::nullopt;
 
   VectorU x;
   x << start.shift_start, start.shift_end, start.white, start.black, start.blur_px, 0.0, 0.0;
@@ -227,7 +238,7 @@ std::optional<EdgeFit> fitEdge(const EdgeRows& rows, const EdgeFit& start,
   // Where the levels are guessed, nothing is an outlier yet.
   double variance = start.variance > 0.0 ? start.variance : 1e9;
   for (int iteration = 0; iteration < options.iterations; ++iteration) {
-    const auto cut = static_cast<float>(9.0 * std::max(variance, 1.0));
+    const auto cut = static_cast<float>(options.outlier_chi2 * std::max(variance, 1.0));
     std::array<float, kUnknowns> xf;
     for (std::size_t i = 0; i < kUnknowns; ++i) {
       xf[i] = static_cast<float>(x[static_cast<Eigen::Index>(i)]);
@@ -242,9 +253,9 @@ std::optional<EdgeFit> fitEdge(const EdgeRows& rows, const EdgeFit& start,
       H(k, k) += weight;
       g[k] += weight * (x[k] - mean);
     };
-    prior(kBlur, start.blur_px, kBlurPrior);
-    prior(kWhiteSlope, 0.0, kSlopePrior);
-    prior(kBlackSlope, 0.0, kSlopePrior);
+    prior(kBlur, start.blur_px, options.blur_sigma_px);
+    prior(kWhiteSlope, 0.0, options.slope_sigma);
+    prior(kBlackSlope, 0.0, options.slope_sigma);
 
     L = H;
     if (!factorizeCholesky(&L)) return std::nullopt;

@@ -7,6 +7,7 @@
 #pragma once
 
 #include <optional>
+#include <string>
 
 #include <Eigen/Core>
 
@@ -36,6 +37,18 @@ struct EdgeFitOptions {
   double min_contrast = 15.0;
   // Farthest the edge may lie from the first guess, pixels.
   double max_shift_px = 3.0;
+  // Fewer pixels than this say nothing of the unknowns.
+  int min_pixels = 16;
+  // A pixel's weight has fallen to a half where its squared residual is so many times the variance:
+  // three standard deviations.
+  double outlier_chi2 = 9.0;
+  // Standard deviations of the priors that hold what a short edge cannot tell: how much the levels
+  // change from end to end, grey levels, and how much the blur does from the start's, pixels.
+  double slope_sigma = 10.0;
+  double blur_sigma_px = 0.5;
+
+  // Empty when usable, else what is wrong.
+  [[nodiscard]] std::string invalidReason() const;
 };
 
 // Gauss-Newton on the grey levels from `start`. Empty when there are too few pixels, too little

@@ -8,6 +8,7 @@
 #include <Eigen/LU>
 
 #include "base/vectorized.h"
+#include "slam/option_checks.h"
 namespace waymark::slam {
 namespace {
 
@@ -18,17 +19,17 @@ struct SideWindow {
   double end_margin;
 };
 
-// Wide enough for the blur, but not beyond what the model knows: outside, the quiet zone is taken
-// to be as wide as the border; inside, the cells behind the border are known only with the code.
-SideWindow windowFor(const MarkerSide& side, double blur_px, bool code_known) {
-  constexpr double kNarrowest = 1.5;
-  const double wanted = 2.5 * blur_px + 0.7;
+SideWindow windowFor(const MarkerSide& side, double blur_px, bool code_known,
+                     const EdgeWindowOptions& options) {
+  const double wanted = options.reach_per_blur * blur_px + options.reach_px;
   const double border = std::min(side.thickness_start, side.thickness_end);
   const auto within = [&](double share) {
-    return std::clamp(wanted, kNarrowest, std::max(kNarrowest, share * border));
+    return std::clamp(wanted, options.min_reach_px, std::max(options.min_reach_px, share * border));
   };
-  return {within(0.9), within(code_known ? 1.0 : 0.6),
-          std::min(1.2 * blur_px + 0.5, 0.25 * side.length_px)};
+  return {
+      within(options.max_outside),
+      within(code_known ? options.max_inside : options.max_inside_without_code),
+      std::min(options.end_per_blur * blur_px + options.end_px, options.max_end * side.length_px)};
 }
 
 // The line of a side moved by its fit: (n, c) with n . p + c = 0, up to scale.
@@ -46,12 +47,11 @@ struct Corner {
 
 // Where the end of side `in` meets the start of side `out`. Empty when they are nearly parallel.
 std::optional<Corner> intersect(const MarkerSide& in, const EdgeFit& in_fit, const MarkerSide& out,
-                                const EdgeFit& out_fit, double systematic_sigma_px) {
-  constexpr double kNearlyParallel = 0.05;  // sine of the angle between them
+                                const EdgeFit& out_fit, const EdgeRefinerOptions& options) {
   Eigen::Matrix2d normals;
   normals.row(0) = in.outward;
   normals.row(1) = out.outward;
-  if (!(std::abs(normals.determinant()) > kNearlyParallel)) return std::nullopt;
+  if (!(std::abs(normals.determinant()) > options.min_corner_sine)) return std::nullopt;
   const Eigen::Vector3d meet = movedLine(in, in_fit).cross(movedLine(out, out_fit));
   Corner corner;
   corner.normalized = meet.head<2>() / meet.z();
@@ -61,7 +61,7 @@ std::optional<Corner> intersect(const MarkerSide& in, const EdgeFit& in_fit, con
   const Eigen::Vector2d variance(in_fit.covariance(1, 1) / (in.scale_end * in.scale_end),
                                  out_fit.covariance(0, 0) / (out.scale_start * out.scale_start));
   corner.covariance = inverse * variance.asDiagonal() * inverse.transpose();
-  const double systematic = systematic_sigma_px / in.scale_end;
+  const double systematic = options.systematic_sigma_px / in.scale_end;
   corner.covariance.diagonal().array() += systematic * systematic;
   return corner;
 }
@@ -174,6 +174,34 @@ double largestShift(const EdgeFit& fit) {
 
 }  // namespace
 
+std::string EdgeWindowOptions::invalidReason() const {
+  return firstUnmet({
+      {isNotNegative(reach_per_blur) && isNotNegative(reach_px) && isPositive(min_reach_px),
+       "the reach of a side's window must be positive"},
+      {isPositive(max_outside) && isPositive(max_inside) && isPositive(max_inside_without_code),
+       "the shares of a border that a side's window may take must be positive"},
+      {isNotNegative(end_per_blur) && isNotNegative(end_px),
+       "what a side's window leaves out at the ends must not be negative"},
+      {max_end >= 0.0 && max_end < 0.5, "a side's window must leave out less than all of it"},
+  });
+}
+
+std::string EdgeRefinerOptions::invalidReason() const {
+  return firstReason({
+      fit.invalidReason(),
+      window.invalidReason(),
+      firstUnmet({
+          {isPositive(initial_blur_px), "the blur to start from must be positive"},
+          {rows_rough >= 1 && rows_fine >= 1, "a side needs at least 1 row of pixels"},
+          {isNotNegative(settled_shift_px), "the shift of a settled side must not be negative"},
+          {passes >= 1, "a side needs at least 1 fit"},
+          {isNotNegative(systematic_sigma_px), "the systematic sigma must not be negative"},
+          {min_corner_sine >= 0.0 && min_corner_sine < 1.0,
+           "the least sine of a corner's angle must be from 0 to less than 1"},
+      }),
+  });
+}
+
 InnerRing InnerRing::of(const Dictionary& dictionary, int id) {
   const int n = dictionary.side();
   InnerRing ring;
@@ -197,7 +225,7 @@ void EdgeRefiner::layOutRows(const ImageView& image, const std::array<MarkerSide
                              std::size_t index, const InnerRing* ring, int max_rows,
                              double blur_px) {
   const MarkerSide& side = sides[index];
-  const SideWindow window = windowFor(side, blur_px, ring != nullptr);
+  const SideWindow window = windowFor(side, blur_px, ring != nullptr, options_.window);
   // Rows follow each other along the side's longer axis, and cross it along the other.
   const Eigen::Vector2d delta_px = side.end_px - side.start_px;
   const Eigen::Index major = std::abs(delta_px.x()) >= std::abs(delta_px.y()) ? 0 : 1;
@@ -259,11 +287,9 @@ std::optional<RefinedQuad> EdgeRefiner::refine(const ImageView& image,
     for (EdgeFit& fit : fits) fit.blur_px = options_.initial_blur_px;
   }
 
-  // Where the edge was far from the first guess, the window is laid around it and fitted again.
-  constexpr int kPasses = 2;
   const bool rough_first = ring != nullptr && edges == nullptr;
   bool settled = false;
-  for (int pass = rough_first ? -1 : 0; pass < kPasses && !settled; ++pass) {
+  for (int pass = rough_first ? -1 : 0; pass < options_.passes && !settled; ++pass) {
     const auto sides = layOutSides(camera_, quad.normalized, cells);
     if (!sides) return std::nullopt;
     const int rows = pass < 0 || ring == nullptr ? options_.rows_rough : options_.rows_fine;
@@ -278,8 +304,7 @@ std::optional<RefinedQuad> EdgeRefiner::refine(const ImageView& image,
     }
     for (std::size_t k = 0; k < 4; ++k) {
       const std::size_t before = (k + 3) % 4;
-      const auto corner = intersect((*sides)[before], fits[before], (*sides)[k], fits[k],
-                                    options_.systematic_sigma_px);
+      const auto corner = intersect((*sides)[before], fits[before], (*sides)[k], fits[k], options_);
       if (!corner) return std::nullopt;
       quad.normalized[k] = corner->normalized;
       quad.covariance[k] = corner->covariance;

@@ -6,6 +6,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <optional>
+#include <string>
 
 #include <Eigen/Core>
 
@@ -18,8 +19,30 @@
 
 namespace waymark::slam {
 
+// How far from a side, and how near its ends, its pixels are looked at. Wide enough for the blur
+// (so many pixels for each of its standard deviations, and some more), but not beyond what the
+// model knows: outside, the quiet zone is taken to be as wide as the border; inside, the cells
+// behind the border are known only with the code.
+struct EdgeWindowOptions {
+  double reach_per_blur = 2.5;  // pixels a pixel of blur
+  double reach_px = 0.7;        // and these
+  double min_reach_px = 1.5;    // however thin the border is
+  // Shares of the border's thickness.
+  double max_outside = 0.9;
+  double max_inside = 1.0;
+  double max_inside_without_code = 0.6;
+  // At the ends, where the corners are round: left out.
+  double end_per_blur = 1.2;  // pixels a pixel of blur
+  double end_px = 0.5;        // and these
+  double max_end = 0.25;      // a share of the side's length
+
+  // Empty when usable, else what is wrong.
+  [[nodiscard]] std::string invalidReason() const;
+};
+
 struct EdgeRefinerOptions {
   EdgeFitOptions fit;
+  EdgeWindowOptions window;
   // Blur to start from where none is known, standard deviation in pixels.
   double initial_blur_px = 0.9;
   // Rows of pixels across a side that are used, at most: few to decide whether a candidate is a
@@ -28,8 +51,16 @@ struct EdgeRefinerOptions {
   int rows_fine = 64;
   // A fit that moved a side by more than this is done again around the new place, pixels.
   double settled_shift_px = 0.5;
+  // Where the edge was far from the first guess, the window is laid around it and fitted again: so
+  // many fits at most. The second one is as good as any later one.
+  int passes = 2;
+  // Sides that meet at an angle with a smaller sine than this have no corner worth its name.
+  double min_corner_sine = 0.05;
   // Error of a corner that the grey levels do not show (print, paper, lens model), pixels.
   double systematic_sigma_px = 0.03;
+
+  // Empty when usable, else what is wrong.
+  [[nodiscard]] std::string invalidReason() const;
 };
 
 // The ring of code cells next to the border, in the order of the corners given to refine(): bit j

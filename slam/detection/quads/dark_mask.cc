@@ -9,6 +9,7 @@
 #endif
 
 #include "base/vectorized.h"
+#include "slam/option_checks.h"
 
 namespace waymark::slam {
 namespace {
@@ -97,6 +98,14 @@ void dropSpecks(const DarkMask& raw, DarkMask* mask) {
 }
 
 }  // namespace
+
+std::string DarkMaskOptions::invalidReason() const {
+  return firstUnmet({
+      {share >= 0.0 && share < 1.0,
+       "the share of a dark pixel's threshold must be 0 to less than 1"},
+      {isNotNegative(offset), "the offset of a dark pixel's threshold must not be negative"},
+  });
+}
 
 void DarkMask::resize(int width, int height) {
   width_ = width;

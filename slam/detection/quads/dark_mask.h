@@ -5,6 +5,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <span>
+#include <string>
 #include <vector>
 
 #include "base/image_view.h"
@@ -18,6 +19,9 @@ struct DarkMaskOptions {
   // faint prints.
   double share = 0.07;
   double offset = 4.0;
+
+  // Empty when usable, else what is wrong.
+  [[nodiscard]] std::string invalidReason() const;
 };
 
 // One bit a pixel, in rows of whole words: pixel x is bit x % 64 of word x / 64, and bits beyond

@@ -4,7 +4,16 @@
 #include <bit>
 #include <limits>
 
+#include "slam/option_checks.h"
+
 namespace waymark::slam {
+
+std::string DarkRegionOptions::invalidReason() const {
+  return firstUnmet({
+      {min_extent_px >= 1, "the least extent of a region must be at least 1 pixel"},
+      {border_margin_px >= 0, "the margin along the image's border must not be negative"},
+  });
+}
 
 std::span<const DarkRegion> DarkRegionFinder::find(const DarkMask& mask, int max_px) {
   collectRuns(mask);

@@ -3,6 +3,7 @@
 
 #include <cstdint>
 #include <span>
+#include <string>
 #include <vector>
 
 #include "slam/detection/quads/dark_mask.h"
@@ -30,6 +31,9 @@ struct DarkRegionOptions {
   int min_extent_px = 5;
   // Regions nearer to the image's border are clipped markers at best, pixels.
   int border_margin_px = 2;
+
+  // Empty when usable, else what is wrong.
+  [[nodiscard]] std::string invalidReason() const;
 };
 
 class DarkRegionFinder {

@@ -3,12 +3,25 @@
 #include <algorithm>
 #include <array>
 
+#include "slam/option_checks.h"
+
 namespace waymark::slam {
+
+std::string QuadScannerOptions::invalidReason() const {
+  return firstReason({
+      strict.invalidReason(),
+      lenient.invalidReason(),
+      regions.invalidReason(),
+      quads.invalidReason(),
+      firstUnmet({{isPositive(same_corner_px), "the distance of same corners must be positive"}}),
+  });
+}
 
 QuadScanner::QuadScanner(const QuadScannerOptions& options)
     : masks_(std::array{options.strict, options.lenient}),
       finder_(options.regions),
-      fitter_(options.quads) {}
+      fitter_(options.quads),
+      same_corner_px_(options.same_corner_px) {}
 
 const std::vector<Quad>& QuadScanner::scan(const ImageView& image, int max_px) {
   quads_.clear();
@@ -24,11 +37,10 @@ void QuadScanner::collect(const DarkMask& mask, int max_px) {
 }
 
 bool QuadScanner::isKnown(const Quad& quad) const {
-  constexpr double kSame = 1.5;  // pixels
   return std::ranges::any_of(quads_, [&](const Quad& known) {
     return std::ranges::all_of(quad, [&](const Eigen::Vector2d& corner) {
       return std::ranges::any_of(known, [&](const Eigen::Vector2d& other) {
-        return (corner - other).squaredNorm() < kSame * kSame;
+        return (corner - other).squaredNorm() < same_corner_px_ * same_corner_px_;
       });
     });
   });

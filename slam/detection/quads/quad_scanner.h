@@ -1,6 +1,7 @@
 // Full-frame search for dark, convex quadrilaterals: the first, rough stage of detection.
 #pragma once
 
+#include <string>
 #include <vector>
 
 #include "base/image_view.h"
@@ -17,6 +18,12 @@ struct QuadScannerOptions {
   DarkMaskOptions lenient{.share = 0.02, .offset = 2.0};
   DarkRegionOptions regions;
   RegionQuadOptions quads;
+  // Two quads are the same where each corner of one is this near to one of the other, pixels: both
+  // thresholds find most squares.
+  double same_corner_px = 1.5;
+
+  // Empty when usable, else what is wrong.
+  [[nodiscard]] std::string invalidReason() const;
 };
 
 class QuadScanner {
@@ -34,6 +41,7 @@ class QuadScanner {
   DarkMaskMaker masks_;
   DarkRegionFinder finder_;
   RegionQuadFitter fitter_;
+  double same_corner_px_;
   std::vector<Quad> quads_;
 };
 

@@ -8,6 +8,7 @@
 #include <Eigen/Geometry>
 
 #include "slam/geometry/plane.h"
+#include "slam/option_checks.h"
 
 namespace waymark::slam {
 namespace {
@@ -46,6 +47,19 @@ struct LineMoments {
 };
 
 }  // namespace
+
+std::string RegionQuadOptions::invalidReason() const {
+  return firstUnmet({
+      {isPositive(min_side_px), "the shortest side must be positive"},
+      {isNotNegative(outline_tolerance) && isNotNegative(outline_tolerance_px),
+       "the tolerances of an outline must not be negative"},
+      {isShare(min_support), "the supported share of an outline must be from 0 to 1"},
+      {isPositive(support_px), "the distance of supporting outlines must be positive"},
+      {side_end >= 0.0 && side_end < 0.5, "a side's fit must leave out less than all of it"},
+      {isPositive(max_corner_shift_px), "the largest shift of a corner must be positive"},
+      {isShare(min_vertex_distance), "the least distance of vertices must be from 0 to 1"},
+  });
+}
 
 std::optional<Quad> RegionQuadFitter::fit(const DarkRegion& region) {
   traceOutline(region);
@@ -150,7 +164,8 @@ bool RegionQuadFitter::sidesAreStraight(const Vertices& vertices) const {
   for (std::size_t k = 0; k < 4; ++k) {
     perimeter += (outline_[vertices[(k + 1) % 4]] - outline_[vertices[k]]).norm();
   }
-  const double tolerance = std::max(1.5, options_.outline_tolerance * perimeter);
+  const double tolerance =
+      std::max(options_.outline_tolerance_px, options_.outline_tolerance * perimeter);
   for (std::size_t k = 0; k < 4; ++k) {
     const Eigen::Vector2d& a = outline_[vertices[k]];
     const Eigen::Vector2d& b = outline_[vertices[(k + 1) % 4]];
@@ -165,7 +180,6 @@ bool RegionQuadFitter::sidesAreStraight(const Vertices& vertices) const {
 // A line through the outline between two vertices, without the share at either end that bends
 // around the corner.
 Eigen::Vector3d RegionQuadFitter::fitSide(std::size_t from, std::size_t to) const {
-  constexpr double kEnd = 0.125;
   const Eigen::Vector2d& start = outline_[from];
   const Eigen::Vector2d chord = outline_[to] - start;
   const double length = chord.norm();
@@ -175,8 +189,8 @@ Eigen::Vector3d RegionQuadFitter::fitSide(std::size_t from, std::size_t to) cons
   for (std::size_t i = from; i != to; i = next(i)) {
     const double s = position(i);
     const double t = position(next(i));
-    const double low = std::max(s, kEnd);
-    const double high = std::min(t, 1.0 - kEnd);
+    const double low = std::max(s, options_.side_end);
+    const double high = std::min(t, 1.0 - options_.side_end);
     if (!(high > low)) continue;
     const auto at = [&](double u) -> Eigen::Vector2d {
       return outline_[i] + (u - s) / (t - s) * (outline_[next(i)] - outline_[i]);
@@ -191,7 +205,7 @@ std::optional<Quad> RegionQuadFitter::intersectSides(const Vertices& vertices) c
   std::array<Eigen::Vector3d, 4> lines;
   for (std::size_t k = 0; k < 4; ++k) {
     if ((outline_[vertices[(k + 1) % 4]] - outline_[vertices[k]]).norm() <
-        0.5 * options_.min_side_px) {
+        options_.min_vertex_distance * options_.min_side_px) {
       return std::nullopt;
     }
     lines[k] = fitSide(vertices[k], vertices[(k + 1) % 4]);
@@ -200,8 +214,8 @@ std::optional<Quad> RegionQuadFitter::intersectSides(const Vertices& vertices) c
   for (std::size_t k = 0; k < 4; ++k) {
     const Eigen::Vector3d meet = lines[(k + 3) % 4].cross(lines[k]);
     quad[k] = meet.head<2>() / meet.z();
-    constexpr double kFarthest = 6.0;  // pixels between a vertex and where its sides meet
-    if (!((quad[k] - outline_[vertices[k]]).norm() < kFarthest)) return std::nullopt;
+    if (!((quad[k] - outline_[vertices[k]]).norm() < options_.max_corner_shift_px))
+      return std::nullopt;
   }
   for (std::size_t k = 0; k < 4; ++k) {
     const Eigen::Vector2d side = quad[(k + 1) % 4] - quad[k];
@@ -213,7 +227,6 @@ std::optional<Quad> RegionQuadFitter::intersectSides(const Vertices& vertices) c
 }
 
 bool RegionQuadFitter::isSupported(const Quad& quad) const {
-  constexpr double kNear = 1.5;  // pixels
   double near_length = 0.0;
   double length = 0.0;
   for (std::size_t i = 0; i < traced_.size(); ++i) {
@@ -227,7 +240,7 @@ bool RegionQuadFitter::isSupported(const Quad& quad) const {
       nearest = std::min(nearest, std::abs(outside(a, b, middle)) / (b - a).norm());
     }
     length += (q - p).norm();
-    if (nearest < kNear) near_length += (q - p).norm();
+    if (nearest < options_.support_px) near_length += (q - p).norm();
   }
   return near_length >= options_.min_support * length;
 }

@@ -4,6 +4,7 @@
 #include <array>
 #include <cstddef>
 #include <optional>
+#include <string>
 #include <vector>
 
 #include <Eigen/Core>
@@ -18,11 +19,26 @@ using Quad = std::array<Eigen::Vector2d, 4>;
 struct RegionQuadOptions {
   // Shortest side of a candidate, pixels.
   double min_side_px = 7.0;
-  // Largest deviation of the outline's convex hull from the quad, as a share of the perimeter.
+  // Largest deviation of the outline's convex hull from the quad, as a share of the perimeter, and
+  // in pixels; the larger one counts, as small outlines are steps of a pixel.
   double outline_tolerance = 0.03;
+  double outline_tolerance_px = 1.5;
   // Least share of the outline that runs along the quad's sides: light cells of the code may break
   // through a blurred border.
   double min_support = 0.6;
+  // Nearer than this the outline runs along a side, pixels.
+  double support_px = 1.5;
+  // A side's line is fitted without this share at either end, which bends around the corner.
+  double side_end = 0.125;
+  // Farthest between a vertex and where its sides meet, pixels: beyond it the sides are not the
+  // vertices' any more.
+  double max_corner_shift_px = 6.0;
+  // Of two vertices, the least distance before their lines are fitted, as a share of the shortest
+  // side.
+  double min_vertex_distance = 0.5;
+
+  // Empty when usable, else what is wrong.
+  [[nodiscard]] std::string invalidReason() const;
 };
 
 class RegionQuadFitter {

@@ -6,25 +6,38 @@
 #include <utility>
 
 #include "base/vectorized.h"
+#include "slam/option_checks.h"
 
 namespace waymark::slam {
 namespace {
 
 constexpr int kAround = 16;  // pixels to either side whose mean is what a pixel is dark against
 
-// 1 where a pixel is below 15/16 of the mean around it and three grey levels below that.
+// 1 where a pixel is dark: below so many sixteenths of the mean around it, and the offset below
+// that.
 WAYMARK_VECTORIZED void flagDark(const std::uint8_t* grey, const std::uint16_t* sums, int length,
-                                 std::uint8_t* flags) {
+                                 int sixteenths, int offset, std::uint8_t* flags) {
   constexpr int kPixels = 2 * kAround;
   for (int i = 0; i < length; ++i) {
-    flags[i] = 16 * kPixels * (grey[i] + 3) < 15 * sums[i] ? 1 : 0;
+    flags[i] = 16 * kPixels * (grey[i] + offset) < sixteenths * sums[i] ? 1 : 0;
   }
 }
 
 }  // namespace
 
-BorderEntryDetector::BorderEntryDetector(int width, int height, int coarsest, int reach_px)
-    : width_(width), height_(height), reach_px_(reach_px) {
+std::string BorderEntryOptions::invalidReason() const {
+  return firstUnmet({
+      {dark_sixteenths >= 1 && dark_sixteenths <= 16,
+       "dark pixels must be below 1 to 16 sixteenths of the mean"},
+      {dark_offset >= 0, "the offset of dark pixels must not be negative"},
+      {min_run_px >= 1, "a run of dark pixels has at least 1"},
+      {near_px >= 0, "motion along the border must not be negative"},
+  });
+}
+
+BorderEntryDetector::BorderEntryDetector(int width, int height, int coarsest, int reach_px,
+                                         const BorderEntryOptions& options)
+    : width_(width), height_(height), reach_px_(reach_px), options_(options) {
   for (int factor = coarsest; factor >= 1; factor /= 2) {
     for (const Border border : {kLeft, kRight, kTop, kBottom})
       lines_.push_back({border, factor, {}});
@@ -78,7 +91,6 @@ void BorderEntryDetector::sample(const ImageView& image, const Line& line) {
 
 // Dark against the mean of what lies around on the line.
 void BorderEntryDetector::findRuns(int length) {
-  constexpr int kMinLength = 2;  // shorter ones are noise
   const auto n = static_cast<std::size_t>(length);
   sums_.resize(n);
   std::uint16_t sum = 0;
@@ -88,7 +100,8 @@ void BorderEntryDetector::findRuns(int length) {
     sum = static_cast<std::uint16_t>(sum + grey_[i + 2 * kAround] - grey_[i]);
   }
   dark_.assign(n + 8, 0);
-  flagDark(grey_.data() + kAround, sums_.data(), length, dark_.data());
+  flagDark(grey_.data() + kAround, sums_.data(), length, options_.dark_sixteenths,
+           options_.dark_offset, dark_.data());
   runs_.clear();
   for (int i = 0; i < length; ++i) {
     std::uint64_t eight = 0;
@@ -100,17 +113,16 @@ void BorderEntryDetector::findRuns(int length) {
     if (dark_[static_cast<std::size_t>(i)] == 0) continue;
     const int first = i;
     while (dark_[static_cast<std::size_t>(i)] != 0) ++i;
-    if (i - first >= kMinLength) runs_.push_back({first, i - 1});
+    if (i - first >= options_.min_run_px) runs_.push_back({first, i - 1});
   }
 }
 
 void BorderEntryDetector::addWindows(const Line& line) {
-  constexpr int kNear = 3;  // pixels that the scene may move along the border
   auto still = runs_.begin();
   SearchRegion* last = nullptr;
   for (const Run& before : line.runs) {
-    while (still != runs_.end() && still->last < before.first - kNear) ++still;
-    if (still != runs_.end() && still->first <= before.last + kNear) continue;
+    while (still != runs_.end() && still->last < before.first - options_.near_px) ++still;
+    if (still != runs_.end() && still->first <= before.last + options_.near_px) continue;
     const SearchRegion region = windowAt(line, before);
     if (region.window.width == 0 || region.window.height == 0) continue;
     Window* const former = last != nullptr ? &last->window : nullptr;

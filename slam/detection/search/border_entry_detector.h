@@ -6,6 +6,7 @@
 #include <array>
 #include <cstdint>
 #include <span>
+#include <string>
 #include <vector>
 
 #include "base/image_view.h"
@@ -13,11 +14,27 @@
 
 namespace waymark::slam {
 
+struct BorderEntryOptions {
+  // A pixel is dark below this many sixteenths of the mean around it, and so many grey levels below
+  // that.
+  int dark_sixteenths = 15;
+  int dark_offset = 3;
+  // Shorter runs of dark pixels are noise, pixels at the line's size.
+  int min_run_px = 2;
+  // How far the scene may move along the border from frame to frame, pixels at the line's size:
+  // what was dark and is still there within it has not come in.
+  int near_px = 3;
+
+  // Empty when usable, else what is wrong.
+  [[nodiscard]] std::string invalidReason() const;
+};
+
 class BorderEntryDetector {
  public:
   // At sizes from the whole down to 1/coarsest of it, by halves; reach_px: how large a marker is
   // that is to be found at each of them, pixels at that size.
-  BorderEntryDetector(int width, int height, int coarsest, int reach_px);
+  BorderEntryDetector(int width, int height, int coarsest, int reach_px,
+                      const BorderEntryOptions& options = {});
 
   // The parts of this frame that are worth a search, coarse before fine. Valid until the next call.
   std::span<const SearchRegion> next(const ImageView& image);
@@ -45,6 +62,7 @@ class BorderEntryDetector {
   int width_;
   int height_;
   int reach_px_;
+  BorderEntryOptions options_;
   std::vector<Line> lines_;
   std::vector<SearchRegion> due_;
   // Along a line, reused from one to the next.

@@ -5,6 +5,7 @@
 #include <utility>
 
 #include "slam/geometry/plane.h"
+#include "slam/option_checks.h"
 
 namespace waymark::slam {
 namespace {
@@ -27,12 +28,27 @@ const ExpectedMarker* findExpected(std::span<const ExpectedMarker> expected, int
 
 }  // namespace
 
+std::string FollowerOptions::invalidReason() const {
+  return firstReason({
+      schedule.invalidReason(),
+      border.invalidReason(),
+      firstUnmet({
+          {search_px >= 0, "the search around a marker's place must not be negative"},
+          {isShare(min_found), "the share of markers found again must be from 0 to 1"},
+          {isNotNegative(max_flow), "the largest flow must not be negative"},
+          {isNotNegative(newcomer_margin_px), "the margin of newcomers must not be negative"},
+          {isNotNegative(newcomer_area_px2), "the least area of newcomers must not be negative"},
+      }),
+  });
+}
+
 MarkerFollower::MarkerFollower(const CameraModel& camera, Dictionary dictionary,
                                const DetectorOptions& detector, const FollowerOptions& options)
     : options_(options),
       detector_(camera, std::move(dictionary), detector),
       schedule_(camera.width(), camera.height(), options.schedule),
-      border_(camera.width(), camera.height(), schedule_.coarsest(), options.schedule.overlap_px) {}
+      border_(camera.width(), camera.height(), schedule_.coarsest(), options.schedule.overlap_px,
+              options.border) {}
 
 const std::vector<MarkerDetection>& MarkerFollower::find(const ImageView& image,
                                                          std::int64_t time_ns,
@@ -129,14 +145,13 @@ Eigen::Vector2d MarkerFollower::flow() const {
 
 // Wholly in the image, from the front, and not from the edge on.
 bool MarkerFollower::shouldBeSeen(const ExpectedMarker& marker) const {
-  constexpr double kMargin = 3.0;           // pixels
-  constexpr double kMinArea = 10.0 * 10.0;  // pixels squared
   Corners pixels;
   for (std::size_t k = 0; k < 4; ++k) {
     pixels[k] = detector_.camera().distort(marker.now[k]);
-    if (!detector_.camera().inImage(pixels[k], kMargin)) return false;
+    if (!detector_.camera().inImage(pixels[k], options_.newcomer_margin_px)) return false;
   }
-  return 0.5 * cross(pixels[2] - pixels[0], pixels[3] - pixels[1]) > kMinArea;
+  const double area_px2 = 0.5 * cross(pixels[2] - pixels[0], pixels[3] - pixels[1]);
+  return area_px2 > options_.newcomer_area_px2;
 }
 
 void MarkerFollower::remember(double interval_s) {

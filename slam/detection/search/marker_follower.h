@@ -7,6 +7,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <span>
+#include <string>
 #include <vector>
 
 #include "base/image_view.h"
@@ -20,6 +21,7 @@ struct FollowerOptions {
   // Off: every frame is scanned as a whole.
   bool enabled = true;
   ScanScheduleOptions schedule;
+  BorderEntryOptions border;
   // Where a marker is not where it was expected, this far around the place is searched, pixels.
   int search_px = 16;
   // Of the markers of the last frame, the least share that has to be found again; else the motion
@@ -30,6 +32,13 @@ struct FollowerOptions {
   double max_flow = 0.04;
   // Markers that have come into view, as the map has it: so many are looked for in a frame.
   std::size_t newcomers = 4;
+  // They have to be so far within the image, pixels, and so large in it, pixels squared: what is
+  // cut off or seen from the edge on is not found.
+  double newcomer_margin_px = 3.0;
+  double newcomer_area_px2 = 100.0;
+
+  // Empty when usable, else what is wrong.
+  [[nodiscard]] std::string invalidReason() const;
 };
 
 // Where the map has a marker, normalized: in the last frame and in this one.

@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "slam/option_checks.h"
+
 namespace waymark::slam {
 namespace {
 
@@ -13,6 +15,16 @@ double pixelsOf(const SearchRegion& region) {
 }
 
 }  // namespace
+
+std::string ScanScheduleOptions::invalidReason() const {
+  return firstUnmet({
+      {isPositive(round_s), "the time of a round must be positive"},
+      {small_rounds >= 1, "small markers need at least 1 round"},
+      {max_frames >= 1, "a round has at least 1 frame"},
+      {overlap_px >= 1, "parts must overlap by at least 1 pixel"},
+      {min_height_px >= 1, "the least height of a reduced image must be at least 1 pixel"},
+  });
+}
 
 ScanSchedule::ScanSchedule(int width, int height, const ScanScheduleOptions& options)
     : options_(options), width_(width), height_(height) {
@@ -47,10 +59,12 @@ std::span<const SearchRegion> ScanSchedule::next(double interval_s) {
 }
 
 void ScanSchedule::beginRound(double interval_s) {
-  constexpr int kMaxFrames = 64;
-  const double frames = interval_s > 0.0 ? options_.round_s / interval_s : kMaxFrames;
-  frames_ = static_cast<int>(std::clamp(frames, 1.0, double{kMaxFrames}));
-  for (Level& level : levels_) divide(&level, level.factor == 1 ? kSmallRounds * frames_ : frames_);
+  const auto most = static_cast<double>(options_.max_frames);
+  const double frames = interval_s > 0.0 ? options_.round_s / interval_s : most;
+  frames_ = static_cast<int>(std::clamp(frames, 1.0, most));
+  for (Level& level : levels_) {
+    divide(&level, level.factor == 1 ? options_.small_rounds * frames_ : frames_);
+  }
 }
 
 // Into about as many parts as there are frames, never more, as near to squares as they get; but not

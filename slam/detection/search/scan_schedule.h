@@ -3,6 +3,7 @@
 #pragma once
 
 #include <span>
+#include <string>
 #include <vector>
 
 #include "slam/detection/search/window.h"
@@ -11,19 +12,25 @@ namespace waymark::slam {
 
 struct ScanScheduleOptions {
   // A marker that appears is found within this time, seconds; one that is only a few times the
-  // smallest that can be found may take kSmallRounds times as long. Shorter costs more a frame.
+  // smallest that can be found may take small_rounds times as long. Shorter costs more a frame.
   double round_s = 0.1;
+  // Rounds that the parts of the image at its full size, for small markers, are spread over: most
+  // of the pixels are theirs.
+  int small_rounds = 4;
+  // A round has no more frames than this, however fast they come, and this many where nobody knows.
+  int max_frames = 64;
   // Parts overlap by this many pixels at the size they are searched at: a marker up to that size is
   // whole in one of them, and a larger one is found at half that size.
   int overlap_px = 40;
   // No further halving below this height, pixels.
   int min_height_px = 120;
+
+  // Empty when usable, else what is wrong.
+  [[nodiscard]] std::string invalidReason() const;
 };
 
 class ScanSchedule {
  public:
-  static constexpr int kSmallRounds = 4;
-
   ScanSchedule(int width, int height, const ScanScheduleOptions& options = {});
 
   // The parts whose turn it is, as evenly as may be from frame to frame. interval_s: since the

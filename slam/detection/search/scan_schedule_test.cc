@@ -36,7 +36,7 @@ TEST(ScanSchedule, EveryPlaceHasItsTurnInTime) {
       EXPECT_LE(framesUntilSeen(&schedule, kInterval_s, x, y, 80, 2), kRound) << x << ' ' << y;
       EXPECT_LE(framesUntilSeen(&schedule, kInterval_s, x, y, 200, 4), 2 * kRound);
       EXPECT_LE(framesUntilSeen(&schedule, kInterval_s, x, y, 40, 1),
-                (ScanSchedule::kSmallRounds + 1) * kRound);
+                (ScanScheduleOptions{}.small_rounds + 1) * kRound);
     }
   }
 }
