@@ -115,9 +115,10 @@ Result<std::vector<calibration::View>> collect(const CalibrateArguments& argumen
     if (std::holds_alternative<capture::TimedOut>(read)) continue;
     const capture::FramePtr frame = std::get<capture::FramePtr>(std::move(read));
     ++run->frames;
-    if (auto sight = detector.detect(frame->image())) {
+    if (auto board_view = detector.detect(frame->image())) {
       ++run->with_board;
-      collector.offer(source.frameName(frame->stamp().sequence), std::move(*sight), frame->image());
+      collector.offer(source.frameName(frame->stamp().sequence), std::move(*board_view),
+                      frame->image());
     }
     bar.update(static_cast<std::int64_t>(run->frames), [&] { return progressText(collector); });
   }

@@ -31,9 +31,9 @@ Eigen::Vector2d inMarker(const BoardMarker& marker, const Eigen::Vector3d& point
   return {p.dot(right) / right.squaredNorm(), p.dot(down) / down.squaredNorm()};
 }
 
-double medianBlur_px(const std::vector<slam::MeasuredMarker>& views) {
+double medianBlur_px(const std::vector<slam::MeasuredMarker>& measured) {
   std::vector<double> blurs;
-  for (const slam::MeasuredMarker& marker : views) {
+  for (const slam::MeasuredMarker& marker : measured) {
     for (const slam::EdgeFit& edge : marker.edges) blurs.push_back(edge.blur_px);
   }
   return blurs.empty() ? 0.0 : slam::median(std::move(blurs));
@@ -166,11 +166,11 @@ std::vector<BoardPoint> BoardDetector::chessPoints(const std::vector<Seen>& seen
 std::optional<BoardView> BoardDetector::detect(const ImageView& image) {
   std::vector<Seen> seen = seenMarkers(image);
   removeStrays(&seen);
-  BoardView view;
-  view.blur_px = medianBlur_px(detector_.views());
-  view.points = board_.isCharuco() ? chessPoints(seen, image) : markerPoints(seen);
-  if (view.points.size() < options_.min_points) return std::nullopt;
-  return view;
+  BoardView board_view;
+  board_view.blur_px = medianBlur_px(detector_.measured());
+  board_view.points = board_.isCharuco() ? chessPoints(seen, image) : markerPoints(seen);
+  if (board_view.points.size() < options_.min_points) return std::nullopt;
+  return board_view;
 }
 
 }  // namespace waymark::calibration

@@ -37,10 +37,10 @@ TEST(Board, CharucoIsLaidOutAsOpenCvDrawsIt) {
     const Board board(options);
     const cv::Mat picture = drawnByOpenCv(options);
     BoardDetector detector(board, roughCalibration(picture.cols, picture.rows));
-    const auto view = detector.detect(testing::viewOf(picture));
-    ASSERT_TRUE(view) << columns << "x" << rows;
-    ASSERT_EQ(view->points.size(), static_cast<std::size_t>((columns - 1) * (rows - 1)));
-    for (const BoardPoint& point : view->points) {
+    const auto board_view = detector.detect(testing::viewOf(picture));
+    ASSERT_TRUE(board_view) << columns << "x" << rows;
+    ASSERT_EQ(board_view->points.size(), static_cast<std::size_t>((columns - 1) * (rows - 1)));
+    for (const BoardPoint& point : board_view->points) {
       const auto index = static_cast<int>(point.index);
       // Pixels count from centres: the corner of four pixels lies between them.
       const Eigen::Vector2d expected((index % (columns - 1) + 2) * kSquare_px - 0.5,

@@ -38,7 +38,7 @@ Selection selectionOf(std::vector<View>& views) {
   Selection selection;
   for (View& view : views) {
     selection.names.push_back(view.name);
-    selection.points.push_back(view.view.points);
+    selection.points.push_back(view.board_view.points);
   }
   return selection;
 }
@@ -48,7 +48,7 @@ void measureAgain(const Board& board, const slam::Calibration& camera,
                   const BoardDetectorOptions& options, std::vector<View>* views) {
   BoardDetector detector(board, camera, options);
   for (View& view : *views) {
-    if (auto view = detector.detect(view.image())) view.view = std::move(*view);
+    if (auto board_view = detector.detect(view.image())) view.board_view = std::move(*board_view);
   }
 }
 

@@ -30,9 +30,10 @@ std::vector<View> photographed(const Board& board, const BoardOptions& options,
   ViewCollector collector(board, camera.width(), camera.height());
   for (std::size_t i = 0; i < poses.size(); ++i) {
     const cv::Mat picture = photographer.take(drawn, poses[i], 0.6, 1.5, static_cast<unsigned>(i));
-    auto view = detector.detect(testing::viewOf(picture));
-    if (view) {
-      collector.offer("frame " + std::to_string(i), std::move(*view), testing::viewOf(picture));
+    auto board_view = detector.detect(testing::viewOf(picture));
+    if (board_view) {
+      collector.offer("frame " + std::to_string(i), std::move(*board_view),
+                      testing::viewOf(picture));
     }
   }
   return std::move(collector).take();
@@ -125,9 +126,9 @@ TEST(Calibrator, AViewThatDoesNotFitIsNamed) {
   cv::Mat bent;
   cv::remap(picture, bent, map_x, map_y, cv::INTER_LINEAR, cv::BORDER_REPLICATE);
   BoardDetector detector(all.board, roughCalibration(bent.cols, bent.rows));
-  auto view = detector.detect(testing::viewOf(bent));
-  ASSERT_TRUE(view);
-  views[4].view = std::move(*view);
+  auto board_view = detector.detect(testing::viewOf(bent));
+  ASSERT_TRUE(board_view);
+  views[4].board_view = std::move(*board_view);
   views[4].pixels.assign(bent.datastart, bent.dataend);
 
   const auto report = calibrateCamera(all.board, views, Lens::kPlumbBob);
@@ -179,9 +180,9 @@ TEST(ViewCollector, KeepsWhatIsNewAndWhatIsSharp) {
   ViewCollector collector(all.board, 640, 480, {.max_views = 12});
   const View& first = all.views.front();
   const auto offer = [&](const View& view, double blur_px) {
-    BoardView view = view.view;
-    view.blur_px = blur_px;
-    collector.offer(view.name + " again", view, view.image());
+    BoardView board_view = view.board_view;
+    board_view.blur_px = blur_px;
+    collector.offer(view.name + " again", board_view, view.image());
   };
   offer(first, 1.0);
   offer(first, 0.95);  // hardly sharper
@@ -193,16 +194,16 @@ TEST(ViewCollector, KeepsWhatIsNewAndWhatIsSharp) {
   EXPECT_GE(collector.count(), 6U);
   EXPECT_GT(collector.coverage().share(), 0.5);
   const std::vector<View> kept = std::move(collector).take();
-  EXPECT_EQ(kept.front().view.blur_px, 0.5);
+  EXPECT_EQ(kept.front().board_view.blur_px, 0.5);
 }
 
 TEST(ViewCollector, MotionIsLeftOut) {
   const CharucoViews& all = CharucoViews::get();
   ViewCollector collector(all.board, 640, 480);
   for (const View& view : all.views) {
-    BoardView view = view.view;
-    if (view.name == all.views[2].name) view.blur_px *= 2.0;
-    collector.offer(view.name, view, view.image());
+    BoardView board_view = view.board_view;
+    if (view.name == all.views[2].name) board_view.blur_px *= 2.0;
+    collector.offer(view.name, board_view, view.image());
   }
   const auto kept = std::move(collector).take();
   EXPECT_EQ(kept.size(), all.views.size() - 1);

@@ -27,10 +27,10 @@ ViewCollector::ViewCollector(const Board& board, int width, int height,
                     Eigen::Vector2d(low.x(), high.y())};
 }
 
-ViewCollector::Signature ViewCollector::signatureOf(const BoardView& view) const {
+ViewCollector::Signature ViewCollector::signatureOf(const BoardView& board_view) const {
   std::vector<Eigen::Vector2d> on_board;
   std::vector<Eigen::Vector2d> pixels;
-  for (const BoardPoint& point : view.points) {
+  for (const BoardPoint& point : board_view.points) {
     on_board.emplace_back(board_.points()[point.index].head<2>());
     pixels.push_back(point.pixel);
   }
@@ -50,9 +50,9 @@ double ViewCollector::distance(const Signature& a, const Signature& b) const {
   return std::sqrt(squared / 4.0) / diagonal_px_;
 }
 
-void ViewCollector::offer(std::string name, BoardView view, const ImageView& image) {
-  for (const BoardPoint& point : view.points) coverage_.add(point.pixel);
-  const Signature signature = signatureOf(view);
+void ViewCollector::offer(std::string name, BoardView board_view, const ImageView& image) {
+  for (const BoardPoint& point : board_view.points) coverage_.add(point.pixel);
+  const Signature signature = signatureOf(board_view);
   Kept* nearest = nullptr;
   double nearest_distance = std::numeric_limits<double>::infinity();
   for (Kept& kept : views_) {
@@ -62,9 +62,9 @@ void ViewCollector::offer(std::string name, BoardView view, const ImageView& ima
     nearest_distance = d;
   }
   const bool is_new = nearest_distance >= options_.novelty;
-  if (!is_new && view.blur_px > options_.sharper * nearest->view.view.blur_px) return;
+  if (!is_new && board_view.blur_px > options_.sharper * nearest->view.board_view.blur_px) return;
 
-  View view{std::move(name), std::move(view), image.width, image.height, {}};
+  View view{std::move(name), std::move(board_view), image.width, image.height, {}};
   for (int y = 0; y < image.height; ++y) {
     view.pixels.insert(view.pixels.end(), image.row(y), image.row(y) + image.width);
   }
@@ -91,12 +91,12 @@ void ViewCollector::thinOut() {
 
 std::vector<View> ViewCollector::take() && {
   std::vector<double> blurs;
-  for (const Kept& kept : views_) blurs.push_back(kept.view.view.blur_px);
+  for (const Kept& kept : views_) blurs.push_back(kept.view.board_view.blur_px);
   std::vector<View> views;
   if (blurs.empty()) return views;
   const double worst_px = options_.worst_blur * slam::median(std::move(blurs));
   for (Kept& kept : views_) {
-    if (kept.view.view.blur_px <= worst_px) views.push_back(std::move(kept.view));
+    if (kept.view.board_view.blur_px <= worst_px) views.push_back(std::move(kept.view));
   }
   return views;
 }

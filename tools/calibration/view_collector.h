@@ -18,7 +18,7 @@ namespace waymark::calibration {
 // A view that is kept, with its picture: once the camera is roughly known, it is measured again.
 struct View {
   std::string name;  // of the frame, for people
-  BoardView view;
+  BoardView board_view;
   int width = 0, height = 0;         // pixels
   std::vector<std::uint8_t> pixels;  // row by row
 
@@ -42,7 +42,7 @@ class ViewCollector {
                 const ViewCollectorOptions& options = {});
 
   // Keeps the view, or puts it in the place of a blurred one like it, or does nothing.
-  void offer(std::string name, BoardView view, const ImageView& image);
+  void offer(std::string name, BoardView board_view, const ImageView& image);
 
   // Without those that are blurred against the others.
   [[nodiscard]] std::vector<View> take() &&;
@@ -59,7 +59,7 @@ class ViewCollector {
     Signature signature;
   };
 
-  [[nodiscard]] Signature signatureOf(const BoardView& view) const;
+  [[nodiscard]] Signature signatureOf(const BoardView& board_view) const;
   // Share of the picture's diagonal between two views.
   [[nodiscard]] double distance(const Signature& a, const Signature& b) const;
   void thinOut();
