@@ -96,7 +96,10 @@ TEST_F(WaymarkTool, HelpAndVersion) {
 
 TEST_F(WaymarkTool, BadUsageIsOneLine) {
   expectBadInput(waymark({}), "subcommand");
-  expectBadInput(waymark({"fly"}), "");
+  expectBadInput(waymark({"fly"}), "'fly' is no command of waymark; there are run, ");
+  expectBadInput(waymark({"ctl"}), "subcommand");
+  expectBadInput(waymark({"ctl", "nonsense"}),
+                 "'nonsense' is no command of ctl; there are status, ");
   expectBadInput(waymark({"run"}), "source is required");
   expectBadInput(waymark({"run", "--unknown"}), "");
   expectBadInput(run(video(), {{"--fps", "-3"}}), "--fps");

@@ -2,6 +2,7 @@
 #include <cstdio>
 #include <exception>
 #include <string>
+#include <vector>
 
 #include <CLI/CLI.hpp>
 
@@ -17,6 +18,26 @@
 #include "tools/record_command.h"
 #include "tools/run_command.h"
 #include "tools/simulate_command.h"
+
+namespace {
+
+// CLI11 only says that a command is missing, also where there is a word that is none. Empty when
+// that is not what is wrong.
+std::string unknownCommand(const CLI::App& app) {
+  const std::vector<CLI::App*> given = app.get_subcommands();
+  if (!given.empty()) return unknownCommand(*given.front());
+  const std::vector<std::string> left = app.remaining();
+  if (app.get_require_subcommand_min() == 0 || left.empty() || left.front().starts_with('-')) {
+    return {};
+  }
+  std::string known;
+  for (const CLI::App* command : app.get_subcommands([](const CLI::App*) { return true; })) {
+    known += (known.empty() ? "" : ", ") + command->get_name();
+  }
+  return "'" + left.front() + "' is no command of " + app.get_name() + "; there are " + known;
+}
+
+}  // namespace
 
 int main(int argc, char** argv) {
   using namespace waymark::tools;
@@ -39,7 +60,9 @@ int main(int argc, char** argv) {
     app.parse(argc, argv);
   } catch (const CLI::ParseError& e) {
     if (e.get_exit_code() == 0) return app.exit(e);  // --help and --version
-    std::fprintf(stderr, "waymark: %s\n", waymark::io::oneLine(e.what()).c_str());
+    const std::string unknown = unknownCommand(app);
+    const std::string fault = unknown.empty() ? e.what() : unknown;
+    std::fprintf(stderr, "waymark: %s\n", waymark::io::oneLine(fault).c_str());
     return kBadInput;
   } catch (const std::exception& e) {
     std::fprintf(stderr, "waymark: internal error: %s\n", waymark::io::oneLine(e.what()).c_str());
