@@ -23,6 +23,7 @@
 #include "io/settings/slam_settings.h"
 #include "io/text/number_text.h"
 #include "io/text/text_file.h"
+#include "slam/final_map.h"
 #include "slam/slam.h"
 #include "tools/exit_code.h"
 #include "tools/marker_arguments.h"
@@ -184,41 +185,6 @@ Status processAll(RunInput& input, slam::Slam& slam, StageTimer& timer, bool sho
   }
 }
 
-// Photographs come in no order: one that could not be placed may find its place when more of the
-// map is known, and what it shows may place others.
-void tryAgain(const RunRecord& record, slam::Slam* slam) {
-  std::vector<slam::RecordedFrame> left = record.framesWithoutPose();
-  std::size_t before = 0;
-  do {
-    before = left.size();
-    std::erase_if(left, [&](const slam::RecordedFrame& frame) {
-      const slam::FrameTime time{frame.sequence, frame.monotonic_ns};
-      return slam->process({.time = time, .detections = frame.detections}).pose.has_value();
-    });
-  } while (left.size() < before && !left.empty());
-}
-
-// Section 4.10, as far as wanted.
-void optimizeGlobally(const RunArguments& arguments, slam::Slam* slam, RunRecord* record) {
-  slam->finish();
-  if (arguments.no_global) return;
-  // More are hardly better: neighbouring frames see the same.
-  constexpr std::size_t kViews = 240;
-  // ... but a marker that was seen for a moment only needs all of them.
-  constexpr std::size_t kViewsPerMarker = 20;
-  // What did not fit the map as it was live may fit the better one.
-  constexpr int kRounds = 2;
-  for (int round = 0; round < kRounds; ++round) {
-    slam->densify(record->spreadFrames(kViews, kViewsPerMarker));
-    if (arguments.refine_intrinsics) {
-      slam->optimizeGloballyWithIntrinsics();
-      record->undistortAgain(slam->camera());
-    } else {
-      slam->optimizeGlobally();
-    }
-  }
-}
-
 // A map that was only localized in stays what it was, byte for byte.
 std::string mapText(const slam::Slam& slam, const RunSetup& setup) {
   if (!setup.options.mapping) return setup.old_map->text;
@@ -282,13 +248,16 @@ Result<ExitCode> run(const RunArguments& arguments) {
   if (const std::string damage = setup.input->damage(); !damage.empty()) {
     std::fprintf(stderr, "waymark: warning: %s\n", damage.c_str());
   }
-  if (setup.input->unorderedImages()) tryAgain(record, &slam);
   if (setup.detections) {
     const Status written =
         writeDetections(arguments.save_detections, record, setup.camera, *setup.detections);
     if (!written) return written.error();
   }
-  optimizeGlobally(arguments, &slam, &record);
+  slam::makeFinalMap(record.liveFrames(),
+                     {.unordered_images = setup.input->unorderedImages(),
+                      .optimize = !arguments.no_global,
+                      .refine_intrinsics = arguments.refine_intrinsics},
+                     &slam);
   if (setup.output) {
     const Status written =
         writeOutputs(slam, record.statistics(slam, timer, setup.input->droppedLate()), record,

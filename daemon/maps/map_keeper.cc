@@ -7,6 +7,7 @@
 #include "io/maps/map_file.h"
 #include "io/maps/old_map.h"
 #include "io/text/text_file.h"
+#include "slam/final_map.h"
 
 namespace waymark::daemon {
 namespace {
@@ -106,7 +107,7 @@ Result<std::string> saveMap(const io::SlamSettings& settings, slam::Slam& slam) 
   const fs::path& file = settings.map.out;
   if (file.empty()) return std::string();
   if (slam.map().empty()) return file.string() + ": there is no map to save";
-  slam.optimizeGlobally();
+  slam::makeFinalMap({}, {}, &slam);
   return writeMap(settings, slam.map(), slam.camera().calibration(), slam.readout_s());
 }
 

@@ -5,6 +5,7 @@
 #include <utility>
 
 #include "base/clock.h"
+#include "slam/final_map.h"
 
 namespace waymark::daemon {
 namespace {
@@ -136,10 +137,10 @@ Result<std::string> MapWorker::saveNow() {
   return saved;
 }
 
-// The global optimization is the SLAM's own, of a SLAM that will see no frames.
+// Optimized as at the end of a recording, but without frames, in a SLAM that will see none.
 Result<std::string> MapWorker::saveCopy(slam::Map map, double readout_s) const {
   const auto slam = makeSlam(settings_, camera_, settings_.options, std::move(map));
-  slam->optimizeGlobally();
+  slam::makeFinalMap({}, {}, slam.get());
   return writeMap(settings_, slam->map(), camera_, readout_s);
 }
 

@@ -8,7 +8,7 @@
 #include "slam/camera/undistort_map.h"
 #include "slam/map/map.h"
 #include "slam/optimization/map_optimizer.h"
-#include "slam/testing/synthetic.h"
+#include "slam/testing/rolling_views.h"
 
 namespace waymark::slam {
 namespace {
@@ -16,36 +16,6 @@ namespace {
 constexpr double kSize = 0.12;
 constexpr int kAll = 1000;  // keyframes
 constexpr double kReadout_s = 0.02;
-
-Transform moved(const Transform& T_w_c, const Twist& twist, double seconds) {
-  return T_w_c * Transform{expSo3(seconds * twist.tail<3>()), seconds * twist.head<3>()};
-}
-
-// The marker as a camera with a rolling shutter sees it while it moves: each corner at the time its
-// row is read. The rows are found by going there and looking.
-std::optional<MarkerDetection> observeRolling(const CameraModel& camera, const Transform& T_w_c,
-                                              const Twist& twist,
-                                              const testing::SyntheticMarker& marker,
-                                              double sigma_px, std::mt19937* rng) {
-  auto seen = testing::observe(camera, T_w_c, marker.id, marker.T_w_m, kSize, 0.0, rng);
-  if (!seen) return std::nullopt;
-  std::normal_distribution<double> noise(0.0, sigma_px);
-  const auto corners = markerCorners(kSize);
-  for (std::size_t k = 0; k < 4; ++k) {
-    for (int i = 0; i < 10; ++i) {
-      const double late_s = kReadout_s * rowTime(seen->pixels[k].y(), camera.height());
-      const Transform T_w_late = moved(T_w_c, twist, late_s);
-      const auto pixel = camera.project(T_w_late.inverse() * (marker.T_w_m * corners[k]));
-      if (!pixel) return std::nullopt;
-      seen->pixels[k] = *pixel;
-    }
-    seen->pixels[k] += Eigen::Vector2d(noise(*rng), noise(*rng));
-    const auto normalized = camera.undistort(seen->pixels[k]);
-    if (!normalized) return std::nullopt;
-    seen->normalized[k] = *normalized;
-  }
-  return seen;
-}
 
 class RollingShutterTest : public ::testing::Test {
  protected:
@@ -63,8 +33,8 @@ class RollingShutterTest : public ::testing::Test {
                                        {0.1 * i - 0.6, 3.0, 0.0});
       keyframe.twist << u(rng_), u(rng_), u(rng_), u(rng_), u(rng_), u(rng_);
       for (const auto& marker : markers_) {
-        const auto seen =
-            observeRolling(camera_, keyframe.T_w_c, keyframe.twist, marker, sigma_px, &rng_);
+        const auto seen = testing::observeRolling(camera_, keyframe.T_w_c, keyframe.twist, marker,
+                                                  kSize, kReadout_s, sigma_px, &rng_);
         if (seen) keyframe.detections.push_back(*seen);
       }
       (void)map.addKeyframe(keyframe);
@@ -90,7 +60,7 @@ TEST(RollingShutter, ImageVelocityMatchesFiniteDifferences) {
   twist << 0.3, -0.2, 0.4, 0.5, -0.7, 0.6;
   const Eigen::Vector3d p_c(0.4, -0.3, 2.0);
   const auto imageAt = [&](double seconds) {
-    return (moved(Transform{}, twist, seconds).inverse() * p_c).hnormalized().eval();
+    return (testing::movedOn(Transform{}, twist, seconds).inverse() * p_c).hnormalized().eval();
   };
   constexpr double kStep_s = 1e-5;
   const Eigen::Vector2d numeric = (imageAt(kStep_s) - imageAt(-kStep_s)) / (2.0 * kStep_s);
@@ -104,7 +74,8 @@ TEST_F(RollingShutterTest, CornersComeBackToTheMiddleRowsTime) {
   double worst_skewed_px = 0.0;
   for (const auto& marker : markers_) {
     const auto truth = testing::observe(camera_, T_w_c, marker.id, marker.T_w_m, kSize, 0.0, &rng_);
-    const auto seen = observeRolling(camera_, T_w_c, twist, marker, 0.0, &rng_);
+    const auto seen =
+        testing::observeRolling(camera_, T_w_c, twist, marker, kSize, kReadout_s, 0.0, &rng_);
     const auto depth_m = depthFromPose(T_w_c, marker.T_w_m, kSize);
     if (!truth || !seen || !depth_m) continue;
     const MarkerDetection corrected = atMidFrame(*seen, camera_, twist, *depth_m, kReadout_s);

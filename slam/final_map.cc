@@ -1,0 +1,135 @@
+#include "slam/final_map.h"
+
+#include <algorithm>
+#include <map>
+#include <numeric>
+#include <utility>
+
+#include "slam/slam.h"
+
+namespace waymark::slam {
+namespace {
+
+void undistortAgain(const CameraModel& camera, std::span<LiveFrame> frames) {
+  for (LiveFrame& frame : frames) {
+    std::vector<MarkerDetection> seen;
+    for (MarkerDetection& detection : frame.detections) {
+      if (undistortCorners(camera, &detection)) seen.push_back(detection);
+    }
+    frame.detections = std::move(seen);
+  }
+}
+
+void optimize(std::span<LiveFrame> frames, bool refine_intrinsics, Slam* slam) {
+  if (refine_intrinsics) {
+    slam->optimizeGloballyWithIntrinsics();
+    undistortAgain(slam->camera(), frames);
+  } else {
+    slam->optimizeGlobally();
+  }
+}
+
+// Sets `wanted` of the flags at the places `from`, evenly spread; all of them where there are
+// fewer.
+void chooseEvenly(const std::vector<std::size_t>& from, std::size_t wanted,
+                  std::vector<bool>* chosen) {
+  const std::size_t count = std::min(wanted, from.size());
+  for (std::size_t k = 0; k < count; ++k) (*chosen)[from[k * from.size() / count]] = true;
+}
+
+// Whether each frame is one of spreadFrames().
+std::vector<bool> chosenFrames(std::span<const LiveFrame> frames, const FinalMapOptions& options) {
+  std::vector<bool> chosen(frames.size(), false);
+  std::vector<std::size_t> all(frames.size());
+  std::iota(all.begin(), all.end(), std::size_t{0});
+  chooseEvenly(all, options.frames, &chosen);
+  std::map<int, std::vector<std::size_t>> seen_in;  // frames by marker
+  for (const std::size_t i : all) {
+    for (const MarkerDetection& detection : frames[i].detections) {
+      seen_in[detection.id].push_back(i);
+    }
+  }
+  for (const auto& [id, views] : seen_in) {
+    const auto chosen_views = static_cast<std::size_t>(
+        std::count_if(views.begin(), views.end(), [&](std::size_t i) { return chosen[i]; }));
+    if (chosen_views < options.views_per_marker) {
+      chooseEvenly(views, options.views_per_marker, &chosen);
+    }
+  }
+  return chosen;
+}
+
+}  // namespace
+
+void makeFinalMap(std::span<LiveFrame> frames, const FinalMapOptions& options, Slam* slam) {
+  if (options.unordered_images) tryAgain(frames, slam);
+  slam->finish();
+  if (!options.optimize) return;
+  if (frames.empty()) {
+    optimize(frames, options.refine_intrinsics, slam);
+    return;
+  }
+  for (int round = 0; round < options.rounds; ++round) {
+    slam->densify(spreadFrames(frames, options));
+    optimize(frames, options.refine_intrinsics, slam);
+  }
+}
+
+std::vector<std::optional<Transform>> localizeAll(std::span<const LiveFrame> frames,
+                                                  const Slam& slam) {
+  std::vector<std::optional<Transform>> poses(frames.size());
+  // A frame that was lost live starts from its neighbour: first the one before, then, for the
+  // frames in front of the first pose, the one after.
+  std::optional<Transform> neighbour;
+  const auto localize = [&](std::size_t i) {
+    if (!poses[i]) {
+      const auto& live = frames[i].pose;
+      const std::optional<Transform> guess = live ? live->T_w_c : neighbour;
+      if (!guess) return;
+      const Vector6d twist = live ? live->twist : Vector6d::Zero();
+      const auto pose =
+          slam.localize({i, frames[i].monotonic_ns, frames[i].detections, *guess, twist});
+      if (pose) poses[i] = pose->T_w_c;
+    }
+    if (poses[i]) neighbour = poses[i];
+  };
+  for (std::size_t i = 0; i < frames.size(); ++i) localize(i);
+  neighbour.reset();
+  for (std::size_t i = frames.size(); i-- > 0;) localize(i);
+  return poses;
+}
+
+void tryAgain(std::span<const LiveFrame> frames, Slam* slam) {
+  std::vector<std::size_t> left;
+  for (std::size_t i = 0; i < frames.size(); ++i) {
+    if (!frames[i].pose) left.push_back(i);
+  }
+  std::size_t before = 0;
+  do {
+    before = left.size();
+    std::erase_if(left, [&](std::size_t i) {
+      const FrameTime time{i, frames[i].monotonic_ns};
+      return slam->process({.time = time, .detections = frames[i].detections}).pose.has_value();
+    });
+  } while (left.size() < before && !left.empty());
+}
+
+std::vector<RecordedFrame> spreadFrames(std::span<const LiveFrame> frames,
+                                        const FinalMapOptions& options) {
+  std::vector<RecordedFrame> spread;
+  const auto first =
+      std::ranges::find_if(frames, [](const LiveFrame& f) { return f.pose.has_value(); });
+  if (first == frames.end()) return spread;
+  const PoseEstimate* near = &*first->pose;
+  const std::vector<bool> chosen = chosenFrames(frames, options);
+  for (std::size_t i = 0; i < frames.size(); ++i) {
+    const LiveFrame& frame = frames[i];
+    if (frame.pose) near = &*frame.pose;
+    if (!chosen[i]) continue;
+    spread.push_back({i, frame.monotonic_ns, frame.detections, near->T_w_c,
+                      frame.pose ? frame.pose->twist : Vector6d::Zero()});
+  }
+  return spread;
+}
+
+}  // namespace waymark::slam
