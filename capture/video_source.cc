@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdlib>
+#include <cstring>
+#include <fstream>
 #include <string>
 #include <utility>
 
@@ -13,7 +15,6 @@
 
 #include "base/image_view.h"
 #include "base/system_reason.h"
-#include "capture/container_length.h"
 
 namespace waymark::capture {
 namespace {
@@ -49,6 +50,17 @@ class VideoSource final : public FrameSource {
   cv::Mat decoded_;
   FramePool pool_;
 };
+
+// Does the file store how many frames it has? AVI and MP4 do; of others OpenCV tells an estimate,
+// from a duration that may be that of the sound.
+bool countsFrames(const std::filesystem::path& path) {
+  char head[12] = {};
+  std::ifstream(path, std::ios::binary).read(head, sizeof head);
+  const auto has = [&](std::size_t offset, const char* tag) {
+    return std::memcmp(head + offset, tag, 4) == 0;
+  };
+  return (has(0, "RIFF") && has(8, "AVI ")) || has(4, "ftyp");
+}
 
 StreamInfo describe(const std::filesystem::path& path, const cv::VideoCapture& video,
                     std::optional<double> fps) {
@@ -128,12 +140,6 @@ Result<std::unique_ptr<FrameSource>> openVideo(const std::filesystem::path& path
   if (::access(path.c_str(), R_OK) != 0) {
     return Error{path.string() + ": cannot be read: " + systemReason()};
   }
-  const std::optional<ContainerLength> length = containerLength(path);
-  if (length && length->truncated()) {
-    return Error{path.string() + ": is truncated: the container declares " +
-                 std::to_string(length->declared_bytes) + " bytes, the file has " +
-                 std::to_string(length->file_bytes)};
-  }
   // FFmpeg talks on stderr about faults that are reported here in one line. The variable is how
   // OpenCV lets one say so; a level set by the user stands.
   ::setenv("OPENCV_FFMPEG_LOGLEVEL", "-8", /*overwrite=*/0);
@@ -149,8 +155,8 @@ Result<std::unique_ptr<FrameSource>> openVideo(const std::filesystem::path& path
   if (video.get(cv::CAP_PROP_FRAME_WIDTH) < 1 || video.get(cv::CAP_PROP_FRAME_HEIGHT) < 1) {
     return Error{path.string() + ": is not a video"};
   }
-  return std::unique_ptr<FrameSource>(std::make_unique<VideoSource>(
-      path, std::move(video), fps, length.has_value() && length->counts_frames));
+  return std::unique_ptr<FrameSource>(
+      std::make_unique<VideoSource>(path, std::move(video), fps, countsFrames(path)));
 }
 
 }  // namespace waymark::capture

@@ -18,8 +18,10 @@ namespace waymark::capture {
 // millisecond (the tick of Matroska) are taken to be exactly that rate's. `fps` overrides both.
 // Sequence numbers count from 0.
 //
-// A file shorter than its container says is an error at once; one that decodes to fewer frames than
-// it declares is an error at its end. A run on half a recording would look like a complete one.
+// A file that decodes to fewer frames than its header promises, as a cut-off copy does, is an error
+// at its end, or at once where the header is what is missing (MP4 has it last). A run on half a
+// recording would look like a complete one. Matroska and WebM promise no number: what is cut off of
+// them goes unnoticed. So does a cut within the very last frame, which comes out damaged.
 [[nodiscard]] Result<std::unique_ptr<FrameSource>> openVideo(const std::filesystem::path& path,
                                                              std::optional<double> fps);
 

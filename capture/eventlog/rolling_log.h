@@ -71,6 +71,8 @@ class RollingLog {
     std::uint64_t files = 0;    // begun
     std::uint64_t deleted = 0;  // files that gave way
     std::uint64_t pauses = 0;
+
+    bool operator==(const Counters&) const = default;
   };
   [[nodiscard]] const Counters& counters() const { return counters_; }
 

@@ -160,7 +160,7 @@ void Recorder::follow() {
   } else if (rolling_ && rolling_->state() == eventlog::RollingLog::State::kPaused) {
     tell(RecorderState::kPaused, rolling_->reason(), "");
   } else if (rolling_) {
-    tell(RecorderState::kRecording, "", rolling_->file().string());
+    tell(RecorderState::kRecording, "", rolling_->file().native());
   }
 }
 
@@ -237,18 +237,22 @@ void Recorder::writeMessage(std::span<const std::uint8_t> piece) {
                    piece.subspan(sizeof header + header.channel_bytes), monotonicNs());
 }
 
-void Recorder::tell(RecorderState state, const std::string& reason, const std::string& file) {
-  const std::lock_guard lock(mutex_);
+// Called often, while little changes. What there is, only this thread writes: reading it takes no
+// lock.
+void Recorder::tell(RecorderState state, std::string_view reason, std::string_view file) {
+  if (state == report_.state && reason == report_.reason && file == report_.file) return;
   if (state != report_.state || reason != report_.reason) {
-    if (state == RecorderState::kPaused) log_.warning("recorder: paused: " + reason);
+    if (state == RecorderState::kPaused) log_.warning("recorder: paused: " + std::string(reason));
     if (state == RecorderState::kRecording) log_.info("recorder: recording");
     if (state == RecorderState::kOff) log_.info("recorder: stopped");
   }
-  report_ = {state, reason, file};
+  const std::lock_guard lock(mutex_);
+  report_ = {state, std::string(reason), std::string(file)};
 }
 
 void Recorder::publishCounters() {
   const eventlog::RollingLog::Counters total = rolling_ ? before_ + rolling_->counters() : before_;
+  if (total == counters_) return;
   const std::lock_guard lock(mutex_);
   counters_ = total;
 }

@@ -78,7 +78,7 @@ class Recorder {
   [[nodiscard]] bool drain();
   void writeFrame(std::span<const std::uint8_t> piece);
   void writeMessage(std::span<const std::uint8_t> piece);
-  void tell(RecorderState state, const std::string& reason, const std::string& file);
+  void tell(RecorderState state, std::string_view reason, std::string_view file);
   void publishCounters();
 
   const RecorderOptions options_;
@@ -99,7 +99,7 @@ class Recorder {
   bot_core::image_t image_;
   std::vector<std::uint8_t> encoded_;
 
-  mutable std::mutex mutex_;
+  mutable std::mutex mutex_;  // of what follows: the recorder thread writes, others read
   Report report_;
   eventlog::RollingLog::Counters counters_;
 };
