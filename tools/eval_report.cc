@@ -123,7 +123,7 @@ std::string jsonText(const Evaluation& evaluation) {
   if (evaluation.trajectory) add(*evaluation.trajectory, &json);
   if (evaluation.coverage) {
     json["in_view"] = {{"frames", evaluation.coverage->frames},
-                       {"localized", evaluation.coverage->localized},
+                       {"localised", evaluation.coverage->localized},
                        {"share", evaluation.coverage->share()}};
   }
   if (evaluation.map) add(*evaluation.map, &json);

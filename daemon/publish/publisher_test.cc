@@ -49,7 +49,7 @@ class PublisherTest : public ::testing::Test {
   }
 
   static FrameRecord without(std::uint64_t sequence, slam::TrackingState state,
-                             const char* reason) {
+                             slam::NoPoseReason reason) {
     FrameRecord record;
     record.stamp.sequence = sequence;
     record.stamp.monotonic_ns = monotonicNs();
@@ -61,7 +61,8 @@ class PublisherTest : public ::testing::Test {
     return record;
   }
   static FrameRecord localized(std::uint64_t sequence) {
-    FrameRecord record = without(sequence, slam::TrackingState::kTracking, "");
+    FrameRecord record =
+        without(sequence, slam::TrackingState::kTracking, slam::NoPoseReason::kNone);
     record.pose.emplace();
     record.pose->T_w_c.p = {1.0, 2.0, static_cast<double>(sequence)};
     record.pose->covariance = 1e-6 * slam::Matrix6d::Identity();
@@ -130,20 +131,21 @@ TEST_F(PublisherTest, AFrameWithAPoseIsToldOnThreeChannels) {
 TEST_F(PublisherTest, AFrameWithoutAPoseSaysWhyAndHowOldTheLastOneIs) {
   camera_.report(CameraState::kRunning, "");
   start();
-  give(without(0, slam::TrackingState::kInitializing, "no map"));
+  give(without(0, slam::TrackingState::kInitializing, slam::NoPoseReason::kNoMap));
   const FrameRecord seen = localized(1);
   give(seen);
-  FrameRecord lost = without(2, slam::TrackingState::kRelocalizing, "no known marker");
+  FrameRecord lost =
+      without(2, slam::TrackingState::kRelocalizing, slam::NoPoseReason::kNoKnownMarker);
   lost.stamp.monotonic_ns = seen.stamp.monotonic_ns + 40'000'000;
   give(lost);
   ASSERT_TRUE(comes([](const Received& r) { return r.detections.size() == 3; }));
   const Received all = allOfIt();
   ASSERT_EQ(all.poses.size(), 3U);
   EXPECT_EQ(all.poses[0].status, pose_t::STATUS_INITIALIZING);
-  EXPECT_EQ(all.poses[0].reason, "no map");
+  EXPECT_EQ(all.poses[0].reason, slam::describe(slam::NoPoseReason::kNoMap));
   EXPECT_FALSE(all.poses[0].had_pose);
   EXPECT_EQ(all.poses[2].status, pose_t::STATUS_RELOCALIZING);
-  EXPECT_EQ(all.poses[2].reason, "no known marker");
+  EXPECT_EQ(all.poses[2].reason, slam::describe(slam::NoPoseReason::kNoKnownMarker));
   EXPECT_EQ(all.poses[2].source, pose_t::SOURCE_NONE);
   EXPECT_TRUE(all.poses[2].had_pose);
   EXPECT_EQ(all.poses[2].last_pose_age_ns, 40'000'000);
@@ -234,8 +236,9 @@ TEST_F(PublisherTest, HealthComesAtOnceWhenStatusOrCameraChange) {
   give(localized(0));
   EXPECT_LT(health_saying([](const health_t& h) { return h.status == pose_t::STATUS_TRACKING; }),
             kSecond_ns);
-  give(without(1, slam::TrackingState::kRelocalizing, "dark"));
-  EXPECT_LT(health_saying([](const health_t& h) { return h.reason == "dark"; }), kSecond_ns);
+  give(without(1, slam::TrackingState::kRelocalizing, slam::NoPoseReason::kNoMarker));
+  EXPECT_LT(health_saying([](const health_t& h) { return h.reason == "no marker in view"; }),
+            kSecond_ns);
   camera_.report(CameraState::kLost, "unplugged");
   EXPECT_LT(health_saying([](const health_t& h) { return h.camera_reason == "unplugged"; }),
             kSecond_ns);
@@ -246,7 +249,9 @@ TEST_F(PublisherTest, AFlickeringStatusDoesNotFloodTheNetwork) {
   camera_.report(CameraState::kRunning, "");
   start();
   for (std::uint64_t i = 0; i < 50; ++i) {
-    give(i % 2 == 0 ? localized(i) : without(i, slam::TrackingState::kRelocalizing, "dark"));
+    give(i % 2 == 0
+             ? localized(i)
+             : without(i, slam::TrackingState::kRelocalizing, slam::NoPoseReason::kNoMarker));
     std::this_thread::sleep_for(milliseconds(5));
   }
   const std::vector<health_t> healths = allOfIt().healths;
@@ -292,13 +297,13 @@ TEST_F(PublisherTest, HealthCarriesEverybodysCounters) {
   output_.records_lost = 3;
   publisher_->addCounters([](const CounterSink& sink) { sink("recorder.events", 77); });
   FrameRecord late = localized(0);
-  late.missed_deadline_in = FrameStage::kTrack;
+  late.missed_deadline_in = static_cast<std::size_t>(slam::Stage::kTrack);
   late.counters.frames = 12;
   give(late);
-  late.missed_deadline_in = FrameStage::kMap;
+  late.missed_deadline_in = static_cast<std::size_t>(slam::Stage::kMap);
   late.counters.frames = 13;
   give(late);
-  give(without(1, slam::TrackingState::kRelocalizing, "dark"));
+  give(without(1, slam::TrackingState::kRelocalizing, slam::NoPoseReason::kNoMarker));
   output_.finished = true;
   start();
   std::map<std::string, std::int64_t> counters = allOfIt().counters();
@@ -320,14 +325,16 @@ TEST_F(PublisherTest, HealthCarriesEverybodysCounters) {
 
 TEST_F(PublisherTest, AMessageThatIsTooLargeIsNotSentButCounted) {
   camera_.report(CameraState::kRunning, "");
+  // Detections name their dictionary.
   const std::string endless(70'000, 'x');
-  give(without(0, slam::TrackingState::kRelocalizing, endless.c_str()));
+  publisher_ = std::make_unique<Publisher>(options_, BodyMotion::Options{}, endless, output_,
+                                           camera_, frames_, health_, log_);
   give(localized(1));
   output_.finished = true;
   start();
   const Received all = allOfIt();
   ASSERT_EQ(all.poses.size(), 1U);
-  EXPECT_EQ(all.poses[0].sequence, 1);
+  EXPECT_TRUE(all.detections.empty());
   std::map<std::string, std::int64_t> counters = all.counters();
   EXPECT_EQ(counters["published.poses"], 1);
   EXPECT_EQ(counters["dropped.unsent"], 1);

@@ -123,7 +123,7 @@ Json keyframeJson(const slam::Keyframe& keyframe) {
     detections.push_back({{"id", detection.id},
                           {"hamming", detection.hamming},
                           {"pixels", listOfFour(detection.pixels)},
-                          {"normalized_covariance", std::move(covariances)}});
+                          {"normalised_covariance", std::move(covariances)}});
   }
   Json json = {{"index", keyframe.id},
                {"sequence", keyframe.sequence},
@@ -358,7 +358,7 @@ class MapReader {
     }
     detection.hamming = static_cast<int>(node.at("hamming").integer(0, 64));
     const std::vector<JsonNode> pixels = node.at("pixels").elements(4);
-    const std::vector<JsonNode> covariances = node.at("normalized_covariance").elements(4);
+    const std::vector<JsonNode> covariances = node.at("normalised_covariance").elements(4);
     for (std::size_t k = 0; k < 4 && node.good(); ++k) {
       detection.pixels[k] = pixels[k].point2();
       const auto normalized = camera.undistort(detection.pixels[k]);

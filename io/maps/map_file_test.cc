@@ -324,8 +324,8 @@ TEST(MapFile, FaultsNameFilePlaceAndReason) {
       {[](auto& j) { j["keyframes"][0]["detections"][1]["id"] = 7; }, "[1].id: must be larger"},
       {[](auto& j) { j["keyframes"][0]["detections"][0]["pixels"][2][0] = 1e7; },
        "keyframes[0].detections[0].pixels[2]: the camera's lens cannot see there"},
-      {[](auto& j) { j["keyframes"][0]["detections"][0]["normalized_covariance"][3][0] = 0.0; },
-       "normalized_covariance[3]: must be xx, xy, yy of a positive definite matrix"},
+      {[](auto& j) { j["keyframes"][0]["detections"][0]["normalised_covariance"][3][0] = 0.0; },
+       "normalised_covariance[3]: must be xx, xy, yy of a positive definite matrix"},
       // Numbers that nothing real has, and that reckoning would turn into none.
       {[](auto& j) { j["markers"][1]["size"] = 1e4; }, "size: must be from 0.0001 to 1000 m"},
       {[](auto& j) { j["markers"][1]["T_w_m"]["p"][0] = 1e9; }, "p: is farther away than 100000"},
@@ -335,8 +335,8 @@ TEST(MapFile, FaultsNameFilePlaceAndReason) {
       {[](auto& j) { j["keyframes"][0]["twist"][5] = -1e5; }, "twist: must not exceed"},
       {[](auto& j) { j["keyframes"][0]["time_ns"] = std::int64_t{1} << 62U; }, "time_ns: must be"},
       {[](auto& j) { j["keyframes"][1]["index"] = INT64_MAX; }, "index: must be"},
-      {[](auto& j) { j["keyframes"][0]["detections"][0]["normalized_covariance"][3][0] = 1e-30; },
-       "normalized_covariance[3]: must be xx, xy, yy"},
+      {[](auto& j) { j["keyframes"][0]["detections"][0]["normalised_covariance"][3][0] = 1e-30; },
+       "normalised_covariance[3]: must be xx, xy, yy"},
       {[](auto& j) { j["col\nour"] = 1; }, "m.json: col our: unknown key"},
   };
   for (const auto& [edit, complaint] : cases) {
