@@ -165,8 +165,8 @@ TEST_F(WaymarkTool, ConfigurationFile) {
   expectBadInput(runWith("[slam]\ndictionary = '4X4_50'\n"), "--marker-size is required");
   expectBadInput(runWith(slam + "colour = 1\n"), "w.toml:4:1: slam.colour: unknown key");
   expectBadInput(runWith("[slam\n"), "w.toml:1:");
-  expectBadInput(runWith(slam + "[slam.detector]\nscanner.min_side_px = 'large'\n"),
-                 "w.toml:5:23: slam.detector.scanner.min_side_px: must be a number");
+  expectBadInput(runWith(slam + "[slam.detector]\nscanner.quads.min_side_px = 'large'\n"),
+                 "w.toml:5:29: slam.detector.scanner.quads.min_side_px: must be a number");
   // Each value is right by itself.
   const std::string anchor =
       "[[slam.markers.anchors]]\nid = 1\np_m = [0, 0, 0]\nq_wxyz = [1, 0, 0, 0]\n";
@@ -291,7 +291,7 @@ TEST_F(WaymarkTool, SavedDetectionsReplayAsTheImages) {
                "--limit", detections, "--calibration", file("walk", "calib.yml"), "--json"});
   ASSERT_EQ(eval.exit_code, 0) << eval.err;
   const nlohmann::json errors = nlohmann::json::parse(eval.out);
-  EXPECT_EQ(errors["in_view"]["localized"], errors["in_view"]["frames"]);
+  EXPECT_EQ(errors["in_view"]["localised"], errors["in_view"]["frames"]);
   EXPECT_GT(errors["in_view"]["frames"].get<int>(), 70);
   EXPECT_EQ(errors["limit"]["frames"], 80);
   EXPECT_LT(errors["limit"]["corner_rms_px"].get<double>(), 0.1);
