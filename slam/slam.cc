@@ -3,7 +3,6 @@
 #include <utility>
 #include <vector>
 
-#include "base/sorted.h"
 #include "base/task.h"
 #include "slam/camera/rolling_shutter_estimator.h"
 #include "slam/detection/search/marker_follower.h"
@@ -76,10 +75,9 @@ class Slam::Impl {
 
   void densify(std::span<const RecordedFrame> frames) {
     finish();
-    if (options_.mapping) {
-      locator_.densify(frames, last_old_keyframe_, &map_);
-      updater_.resolveAll(&map_);
-    }
+    if (!options_.mapping) return;
+    locator_.densify(frames, last_old_keyframe_, &map_);
+    updater_.resolveAll(&map_);
   }
 
   void optimizeMapGlobally() {
@@ -109,12 +107,6 @@ class Slam::Impl {
   [[nodiscard]] double readout_s() const { return rolling_shutter_.seconds(); }
 
  private:
-  // A frame that is tracked, and those of its detections that fit.
-  struct Tracked {
-    TrackedFrame frame;
-    std::span<const MarkerDetection> fitting;
-  };
-
   // The corners in the image, looked for where the map's markers are expected first.
   std::span<const MarkerDetection> detect(const FrameInput& frame,
                                           const std::optional<Prediction>& prediction,
@@ -123,16 +115,8 @@ class Slam::Impl {
       return frame.detections.value_or(std::span<const MarkerDetection>{});
     }
     const StageScope scope(observer, Stage::kDetect);
-    expected_.clear();
-    if (prediction) {
-      expected_ids_.assign(local_.ids().begin(), local_.ids().end());
-      for (const auto& followed : follower_.followed()) {
-        expected_ids_.push_back(followed.measured.detection.id);
-      }
-      sortUnique(&expected_ids_);
-      expectMarkers(map_, expected_ids_, prediction->T_w_last, prediction->T_w_c, &expected_);
-    }
-    const auto& found = follower_.find(*frame.image, frame.time.monotonic_ns, expected_);
+    const auto expected = expectation_.update(map_, prediction, local_, follower_.followed());
+    const auto& found = follower_.find(*frame.image, frame.time.monotonic_ns, expected);
     ++(follower_.mode() == SearchMode::kFullScan ? counters_.full_scans
                                                  : counters_.followed_frames);
     return found;
@@ -173,9 +157,9 @@ class Slam::Impl {
   }
 
   // Sections 4.3 and 4.8. Empty without a pose.
-  std::optional<Tracked> track(std::span<const MarkerDetection> usable, const FrameTime& time,
-                               const std::optional<Prediction>& prediction, StageObserver* observer,
-                               FrameResult* result) {
+  std::optional<TrackedFrame> track(std::span<const MarkerDetection> usable, const FrameTime& time,
+                                    const std::optional<Prediction>& prediction,
+                                    StageObserver* observer, FrameResult* result) {
     const StageScope scope(observer, Stage::kTrack);
     const FrameMarkers markers = tracker_.split(map_, usable, time, prediction, local_);
     TrackingOutcome outcome = tracker_.track(map_, markers, prediction);
@@ -194,7 +178,8 @@ class Slam::Impl {
     result->pose = tracker_.estimateOf(*outcome.frame);
     result->state = TrackingState::kTracking;
     tracker_.commit(*result->pose, time.monotonic_ns);
-    return Tracked{std::move(*outcome.frame), fitted.fitting};
+    outcome.frame->fitting = fitted.fitting;
+    return std::move(outcome.frame);
   }
 
   // What comes now may be at a loop's other end.
@@ -205,8 +190,8 @@ class Slam::Impl {
   }
 
   // Sections 4.2 and 4.4 to 4.9.
-  void grow(const Tracked& tracked, FrameResult* result) {
-    const MapGrowth growth = updater_.grow(tracked.frame, tracked.fitting, &map_);
+  void grow(const TrackedFrame& frame, FrameResult* result) {
+    const MapGrowth growth = updater_.grow(frame, &map_);
     result->map_changed = result->map_changed || growth.map_changed;
     result->keyframe_added = result->keyframe_added || growth.keyframe_added;
     const Transform& T_w_c = result->pose->T_w_c;
@@ -223,14 +208,12 @@ class Slam::Impl {
   Initializer initializer_;
   RollingShutterEstimator rolling_shutter_;
   LocalMarkers local_;
+  MarkerExpectation expectation_;
   FrameTracker tracker_;
   MapUpdater updater_;
   RecordedFrameLocator locator_;
   Map map_;
   KeyframeId last_old_keyframe_;  // of the map given at the start; -1 for none
-  // Reused from frame to frame.
-  std::vector<int> expected_ids_;
-  std::vector<ExpectedMarker> expected_;
 };
 
 Slam::Slam(const CameraModel& camera, Dictionary dictionary, const Options& options, Map map)

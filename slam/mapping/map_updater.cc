@@ -5,10 +5,9 @@
 
 namespace waymark::slam {
 
-MapGrowth MapUpdater::grow(const TrackedFrame& frame, std::span<const MarkerDetection> fitting,
-                           Map* map) {
+MapGrowth MapUpdater::grow(const TrackedFrame& frame, Map* map) {
   MapGrowth growth;
-  fitting_.assign(fitting.begin(), fitting.end());
+  fitting_.assign(frame.fitting.begin(), frame.fitting.end());
   const LoopJunction junction = loops_.closeOrJoin(*map, residualSigma(), frame, fitting_);
   if (junction.joins) {
     fitting_.insert(fitting_.end(), junction.joined.begin(), junction.joined.end());

@@ -58,8 +58,7 @@ class MapUpdater {
 
   // The first keyframes and markers of an empty map. Returns where the last of them is.
   Transform begin(const Start& start, Map* map) { return mapper_.begin(start, map, counters_); }
-  [[nodiscard]] MapGrowth grow(const TrackedFrame& frame, std::span<const MarkerDetection> fitting,
-                               Map* map);
+  [[nodiscard]] MapGrowth grow(const TrackedFrame& frame, Map* map);
   // Tracking was lost: a closure under way is of no use any more.
   void cancelLoopClosure() { loops_.cancel(); }
 

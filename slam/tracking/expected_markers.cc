@@ -3,6 +3,7 @@
 #include <array>
 #include <cstddef>
 
+#include "base/sorted.h"
 #include "slam/geometry/reprojection.h"
 
 namespace waymark::slam {
@@ -21,20 +22,26 @@ bool project(const std::array<Eigen::Vector3d, 4>& corners_w, const Transform& T
 
 }  // namespace
 
-void expectMarkers(const Map& map, std::span<const int> ids, const Transform& T_w_c_before,
-                   const Transform& T_w_c_now, std::vector<ExpectedMarker>* expected) {
-  expected->clear();
-  for (const int id : ids) {
+std::span<const ExpectedMarker> MarkerExpectation::update(
+    const Map& map, const std::optional<Prediction>& prediction, const LocalMarkers& local,
+    std::span<const MarkerFollower::Followed> followed) {
+  expected_.clear();
+  if (!prediction) return expected_;
+  ids_.assign(local.ids().begin(), local.ids().end());
+  for (const auto& marker : followed) ids_.push_back(marker.measured.detection.id);
+  sortUnique(&ids_);
+  for (const int id : ids_) {
     const MapMarker* const marker = map.findPosed(id);
     if (marker == nullptr) continue;
     const auto corners_w = marker->cornersInWorld();
     ExpectedMarker place;
     place.id = id;
-    if (project(corners_w, T_w_c_before, &place.before) &&
-        project(corners_w, T_w_c_now, &place.now)) {
-      expected->push_back(place);
+    if (project(corners_w, prediction->T_w_last, &place.before) &&
+        project(corners_w, prediction->T_w_c, &place.now)) {
+      expected_.push_back(place);
     }
   }
+  return expected_;
 }
 
 }  // namespace waymark::slam

@@ -7,10 +7,10 @@
 #include <span>
 #include <vector>
 
+#include "slam/camera/rolling_shutter_estimator.h"
 #include "slam/frame_time.h"
 #include "slam/geometry/camera_model.h"
 #include "slam/map/map.h"
-#include "slam/camera/rolling_shutter_estimator.h"
 #include "slam/no_pose_reason.h"
 #include "slam/pose_estimate.h"
 #include "slam/tracking/local_markers.h"
@@ -36,6 +36,7 @@ struct TrackedFrame {
   TrackingMethod method = TrackingMethod::kPredicted;
   std::span<const KnownMarker> eligible;  // what it was found from
   std::span<const KnownMarker> loop;
+  std::span<const MarkerDetection> fitting;  // once FrameTracker::fit() has told
 };
 
 // As a keyframe of what fits.
