@@ -1,0 +1,124 @@
+#include "slam/covariance/world_covariance.h"
+
+#include <algorithm>
+#include <memory_resource>
+#include <vector>
+
+#include "base/stack_arena.h"
+#include "slam/covariance/marker_information.h"
+#include "slam/geometry/minimize_pose.h"
+
+namespace waymark::slam {
+namespace {
+
+// One marker's say in the pose.
+struct Voice {
+  const KnownMarker* marker = nullptr;
+  Matrix6d gain;  // G = T^T A: what its error adds to the right side of the normal equations
+  double information = 0.0;
+  bool of_map = false;  // its place, and what it has in common with the leader's, is known
+};
+
+using Voices = std::pmr::vector<Voice>;
+
+int idOf(const Voice& voice) { return voice.marker->detection->id; }
+
+// The marker that counts most of those the marginals know; null without one.
+const Voice* leaderOf(const Voices& voices, const MapMarginals& marginals) {
+  const Voice* leader = nullptr;
+  for (const Voice& voice : voices) {
+    if (marginals.find(idOf(voice)) == nullptr) continue;
+    if (leader == nullptr || voice.information > leader->information) leader = &voice;
+  }
+  return leader;
+}
+
+// E[delta_a delta_b^T] of two markers of which both know the leader.
+Matrix6d common(const Voice& a, const Voice& b, const Voice& leader,
+                const MapMarginals& marginals) {
+  if (const auto known = marginals.between(idOf(a), idOf(b))) return *known;
+  const auto inverse = inverseOf(*marginals.find(idOf(leader)));
+  if (!inverse) return Matrix6d::Zero();
+  return *marginals.between(idOf(a), idOf(leader)) * *inverse *
+         *marginals.between(idOf(leader), idOf(b));
+}
+
+// sum_ij G_i E[delta_i delta_j^T] G_j^T of the markers that the map's marginals know; others hang
+// on the leader.
+Matrix6d spreadOfMap(Voices* voices, Voice* leader, const MapMarginals& marginals) {
+  leader->of_map = true;
+  for (Voice& voice : *voices) {
+    if (&voice == leader) continue;
+    voice.of_map = marginals.find(idOf(voice)) != nullptr &&
+                   marginals.between(idOf(voice), idOf(*leader)).has_value();
+    if (!voice.of_map) {
+      leader->gain += voice.gain * rigidTransport(voice.marker->T_w_m.p - leader->marker->T_w_m.p);
+    }
+  }
+  Matrix6d spread = Matrix6d::Zero();
+  for (std::size_t i = 0; i < voices->size(); ++i) {
+    const Voice& a = (*voices)[i];
+    if (!a.of_map) continue;
+    spread.noalias() += a.gain * *marginals.find(idOf(a)) * a.gain.transpose();
+    for (std::size_t j = 0; j < i; ++j) {
+      const Voice& b = (*voices)[j];
+      if (!b.of_map) continue;
+      const Matrix6d one = a.gain * common(a, b, *leader, marginals) * b.gain.transpose();
+      spread += one + one.transpose();
+    }
+  }
+  return spread;
+}
+
+}  // namespace
+
+std::optional<WorldCovariance> worldCovariance(const PoseSolution& solution,
+                                               std::span<const KnownMarker> markers,
+                                               const MapMarginals& marginals,
+                                               const PlaceDoubt& otherwise) {
+  StackArena<16384> arena;
+  Voices voices(arena.get());
+  voices.reserve(markers.size());
+  Matrix6d H = Matrix6d::Zero();
+  Matrix6d noise = Matrix6d::Zero();
+  for (std::size_t i = 0; i < markers.size(); ++i) {
+    if (!solution.inlier[i]) continue;
+    const KnownMarker& marker = markers[i];
+    const auto information = markerInformation(marker.T_w_m, marker.size_m, *marker.detection,
+                                               solution.T_w_c, marker.covariance);
+    if (!information) continue;
+    const Matrix6d T = rigidTransport(marker.T_w_m.p - solution.T_w_c.p);
+    Voice& voice = voices.emplace_back();
+    voice.marker = &marker;
+    voice.gain.noalias() = T.transpose() * information->weighted;
+    voice.information = information->weighted.topLeftCorner<3, 3>().trace();
+    H.noalias() += voice.gain * T;
+    noise.noalias() += T.transpose() * information->noise * T;
+  }
+  const auto H_inverse = inverseOf(H);
+  if (!H_inverse) return std::nullopt;
+  const double degrees_of_freedom = 8.0 * solution.inliers - 6.0;
+  noise *= std::max(1.0, solution.chi2 / degrees_of_freedom);
+
+  WorldCovariance result;
+  const auto atCamera = [&](const Matrix6d& spread) {
+    return Matrix6d(*H_inverse * spread * *H_inverse);
+  };
+  const Voice* const leader = leaderOf(voices, marginals);
+  if (leader != nullptr) {
+    Voice* const leads = voices.data() + (leader - voices.data());
+    result.doubt = PlaceDoubt{solution.T_w_c.p, atCamera(spreadOfMap(&voices, leads, marginals))};
+    result.covariance = result.doubt->covariance;
+  } else {
+    const Matrix6d T = rigidTransport(solution.T_w_c.p - otherwise.p_w);
+    result.covariance = T * otherwise.covariance * T.transpose();
+  }
+  for (const Voice& voice : voices) {
+    if (!voice.of_map)
+      noise.noalias() += voice.gain * voice.marker->covariance * voice.gain.transpose();
+  }
+  result.covariance += atCamera(noise);
+  return result;
+}
+
+}  // namespace waymark::slam
