@@ -23,39 +23,24 @@ using Voices = std::pmr::vector<Voice>;
 
 int idOf(const Voice& voice) { return voice.marker->detection->id; }
 
-// The marker that counts most of those the marginals know; null without one.
-const Voice* leaderOf(const Voices& voices, const MapMarginals& marginals) {
-  const Voice* leader = nullptr;
-  for (const Voice& voice : voices) {
-    if (marginals.find(idOf(voice)) == nullptr) continue;
-    if (leader == nullptr || voice.information > leader->information) leader = &voice;
-  }
-  return leader;
-}
-
-// E[delta_a delta_b^T] of two markers of which both know the leader.
-Matrix6d common(const Voice& a, const Voice& b, const Voice& leader,
-                const MapMarginals& marginals) {
-  if (const auto known = marginals.between(idOf(a), idOf(b))) return *known;
-  const auto inverse = inverseOf(*marginals.find(idOf(leader)));
-  if (!inverse) return Matrix6d::Zero();
-  return *marginals.between(idOf(a), idOf(leader)) * *inverse *
-         *marginals.between(idOf(leader), idOf(b));
-}
-
-// sum_ij G_i E[delta_i delta_j^T] G_j^T of the markers that the map's marginals know; others hang
-// on the leader.
-Matrix6d spreadOfMap(Voices* voices, Voice* leader, const MapMarginals& marginals) {
-  leader->of_map = true;
-  for (Voice& voice : *voices) {
-    if (&voice == leader) continue;
-    voice.of_map = marginals.find(idOf(voice)) != nullptr &&
-                   marginals.between(idOf(voice), idOf(*leader)).has_value();
-    if (!voice.of_map) {
-      leader->gain += voice.gain * rigidTransport(voice.marker->T_w_m.p - leader->marker->T_w_m.p);
-    }
-  }
+// sum_ij G_i E[delta_i delta_j^T] G_j^T of markers whose common covariances are all known, those
+// that say most first: blocks of one positive matrix. The others hang on the first of them. Empty
+// where the marginals know none. Precondition: sorted by what they say.
+std::optional<Matrix6d> spreadOfMap(Voices* voices, const MapMarginals& marginals) {
+  Voice* leader = nullptr;
   Matrix6d spread = Matrix6d::Zero();
+  for (Voice& voice : *voices) {
+    const bool known = marginals.find(idOf(voice)) != nullptr;
+    voice.of_map = known && std::ranges::all_of(*voices, [&](const Voice& other) {
+                     return !other.of_map || marginals.between(idOf(voice), idOf(other));
+                   });
+    if (voice.of_map && leader == nullptr) leader = &voice;
+  }
+  if (leader == nullptr) return std::nullopt;
+  for (const Voice& voice : *voices) {
+    if (voice.of_map) continue;
+    leader->gain += voice.gain * rigidTransport(voice.marker->T_w_m.p - leader->marker->T_w_m.p);
+  }
   for (std::size_t i = 0; i < voices->size(); ++i) {
     const Voice& a = (*voices)[i];
     if (!a.of_map) continue;
@@ -63,7 +48,7 @@ Matrix6d spreadOfMap(Voices* voices, Voice* leader, const MapMarginals& marginal
     for (std::size_t j = 0; j < i; ++j) {
       const Voice& b = (*voices)[j];
       if (!b.of_map) continue;
-      const Matrix6d one = a.gain * common(a, b, *leader, marginals) * b.gain.transpose();
+      const Matrix6d one = a.gain * *marginals.between(idOf(a), idOf(b)) * b.gain.transpose();
       spread += one + one.transpose();
     }
   }
@@ -104,10 +89,9 @@ std::optional<WorldCovariance> worldCovariance(const PoseSolution& solution,
   const auto atCamera = [&](const Matrix6d& spread) {
     return Matrix6d(*H_inverse * spread * *H_inverse);
   };
-  const Voice* const leader = leaderOf(voices, marginals);
-  if (leader != nullptr) {
-    Voice* const leads = voices.data() + (leader - voices.data());
-    result.doubt = PlaceDoubt{solution.T_w_c.p, atCamera(spreadOfMap(&voices, leads, marginals))};
+  std::ranges::sort(voices, std::ranges::greater{}, &Voice::information);
+  if (const auto spread = spreadOfMap(&voices, marginals)) {
+    result.doubt = PlaceDoubt{solution.T_w_c.p, atCamera(*spread)};
     result.covariance = result.doubt->covariance;
   } else {
     const Matrix6d T = rigidTransport(solution.T_w_c.p - otherwise.p_w);

@@ -24,11 +24,10 @@ struct WorldCovariance {
 };
 
 // The pose is a weighted mean of what each marker says: their errors go into it with those weights
-// (first order). Markers that the marginals do not know (they are new) hang on one that they do, as
-// a rigid body, each with its own doubt; where none is known, all hang on `otherwise`. Two markers
-// whose common covariance was not computed are taken to know of each other only through the one
-// that counts most. markers: one for each of solution.inlier. Empty when the pose's normal
-// equations are singular.
+// (first order). A marker that the marginals do not know (it is new), or whose common covariance
+// with those that say more was not computed, hangs on the one that says most, as a rigid body, with
+// its own doubt; where none is known, all hang on `otherwise`. markers: one for each of
+// solution.inlier. Empty when the pose's normal equations are singular.
 [[nodiscard]] std::optional<WorldCovariance> worldCovariance(const PoseSolution& solution,
                                                              std::span<const KnownMarker> markers,
                                                              const MapMarginals& marginals,
