@@ -21,7 +21,10 @@ MapCovariance::MapCovariance(const MarkerOptions& markers, const MapCovarianceOp
 
 void MapCovariance::work(double residual_sigma, Map* map) {
   if (!options_.enabled) return;
-  if (recovery_ && epoch_ != map->epoch()) recovery_.reset();  // of coordinates that are no more
+  if (recovery_ && epoch_ != map->epoch()) {
+    recovery_.reset();  // of coordinates that are no more
+    due_ = true;
+  }
   if (!recovery_) {
     if (!std::exchange(due_, false)) return;
     epoch_ = map->epoch();

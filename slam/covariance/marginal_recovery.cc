@@ -21,7 +21,7 @@ constexpr double kTakeBlock = 0.15;
 
 // Where nothing else says where a marker is, this does: standard deviations so large that they
 // show, and small enough to keep the system regular.
-constexpr double kUnknown_m = 1e3;
+constexpr double kUnknown_m = 100.0;
 constexpr double kUnknown_rad = 10.0;
 
 // The keyframe and the unknown markers it sees, as poses of the system: what the elimination's
@@ -29,7 +29,7 @@ constexpr double kUnknown_rad = 10.0;
 struct PatternKeyframe {
   KeyframeId id = -1;
   bool held = false;
-  std::vector<int> seen;  // ids, ascending
+  std::vector<int> seen;  // unknown ones, ids, ascending
 };
 
 struct Pattern {
@@ -68,9 +68,9 @@ Matrix6d priorInformation(int id, const MarkerOptions& markers) {
   return information;
 }
 
-// A keyframe's views of the system's markers.
+// A keyframe's view of a marker.
 struct LinearizedView {
-  int position = 0;
+  int position = 0;      // in the system; less than 0 for a marker that is fixed
   Matrix6d information;  // A: of the marker, the camera held
   Matrix6d transport;    // T: from the camera's motion to the marker's
 };
@@ -80,7 +80,9 @@ struct LinearizedView {
 // other way: the camera's Jacobian is that of the marker times -T.)
 void addKeyframe(std::vector<LinearizedView>* views, bool held, BlockSystem* system) {
   std::ranges::sort(*views, {}, &LinearizedView::position);
-  for (const LinearizedView& view : *views) system->diagonal(view.position) += view.information;
+  for (const LinearizedView& view : *views) {
+    if (view.position >= 0) system->diagonal(view.position) += view.information;
+  }
   if (held) return;
   Matrix6d C = Matrix6d::Zero();
   std::vector<Matrix6d> Y(views->size());  // transposed: A_i T_i, later times L^-T
@@ -92,6 +94,7 @@ void addKeyframe(std::vector<LinearizedView>* views, bool held, BlockSystem* sys
   if (!factorizeCholesky(&C)) return;
   for (Matrix6d& Y_i : Y) divideByTransposed(C, &Y_i);
   for (std::size_t j = 0; j < views->size(); ++j) {
+    if ((*views)[j].position < 0) continue;  // the fixed ones come first
     for (std::size_t i = j; i < views->size(); ++i) {
       const auto place = system->place((*views)[i].position, (*views)[j].position);
       subtractProduct(Y[i], Y[j], &system->block(place));
@@ -135,13 +138,16 @@ Task<MapMarginals> recoverMarginals(const Map& map, const MarkerOptions& markers
     views.clear();
     for (const MarkerDetection& detection : found->second.detections) {
       const MapMarker* const marker = map.findPosed(detection.id);
-      if (marker == nullptr || !std::ranges::binary_search(known.seen, detection.id)) continue;
+      const bool fixed = markers.origin_marker == detection.id;
+      if (marker == nullptr) continue;
+      if (!fixed && !std::ranges::binary_search(known.seen, detection.id)) continue;
       const Transform& T_w_c = found->second.T_w_c;
       const auto information =
           markerInformation(*marker->T_w_m, marker->size_m, detection, T_w_c, Matrix6d::Zero());
       if (!information) continue;
-      views.push_back({system.positionOf(pattern.poseOf(detection.id)), information->weighted,
-                       rigidTransport(marker->T_w_m->p - T_w_c.p)});
+      const int position = fixed ? -1 : system.positionOf(pattern.poseOf(detection.id));
+      views.push_back(
+          {position, information->weighted, rigidTransport(marker->T_w_m->p - T_w_c.p)});
     }
     addKeyframe(&views, known.held, &system);
   }
