@@ -126,6 +126,7 @@ Task<MapMarginals> recoverMarginals(const Map& map, const MarkerOptions& markers
     it = map.keyframes().upper_bound(id);
   }
   for (auto& of_one : neighbours) sortUnique(&of_one);
+  const std::vector<std::vector<int>> pairs = neighbours;  // by pose: those before it
 
   BlockSystem system;
   (void)co_await system.arrange(std::move(neighbours), /*with_globals=*/false, budget);
@@ -170,17 +171,16 @@ Task<MapMarginals> recoverMarginals(const Map& map, const MarkerOptions& markers
     const int row = system.positionOf(static_cast<int>(a));
     marginals.set(pattern.unknown[a], variance * system.diagonal(row));
   }
-  for (const PatternKeyframe& known : pattern.keyframes) {
-    const auto n = static_cast<double>(known.seen.size());
-    co_await budget->spend(kTakeBlock * 0.5 * n * (n - 1.0));
-    for (std::size_t i = 0; i < known.seen.size(); ++i) {
-      for (std::size_t j = i + 1; j < known.seen.size(); ++j) {
-        const int a = system.positionOf(pattern.poseOf(known.seen[i]));
-        const int b = system.positionOf(pattern.poseOf(known.seen[j]));
-        const Matrix6d& block = system.block(system.place(std::max(a, b), std::min(a, b)));
-        marginals.setBetween(known.seen[i], known.seen[j],
-                             a > b ? Matrix6d(variance * block) : variance * block.transpose());
-      }
+  for (std::size_t b = 0; b < pairs.size(); ++b) {
+    co_await budget->spend(kTakeBlock * static_cast<double>(pairs[b].size()));
+    const int of_b = system.positionOf(static_cast<int>(b));
+    for (const int a : pairs[b]) {
+      const int of_a = system.positionOf(a);
+      const Matrix6d& block =
+          system.block(system.place(std::max(of_a, of_b), std::min(of_a, of_b)));
+      const Matrix6d rows_of_a = of_a > of_b ? block : Matrix6d(block.transpose());
+      marginals.appendBetween(pattern.unknown[static_cast<std::size_t>(a)], pattern.unknown[b],
+                              variance * rows_of_a);
     }
   }
   co_return marginals;

@@ -1,5 +1,7 @@
 #include "slam/covariance/marginals.h"
 
+#include <algorithm>
+
 namespace waymark::slam {
 
 Matrix6d rigidTransport(const Eigen::Vector3d& to_from_m) {
@@ -15,10 +17,12 @@ const Matrix6d* MapMarginals::find(int marker) const {
 
 std::optional<Matrix6d> MapMarginals::between(int a, int b) const {
   if (a == b) return own_.at(a);
-  const auto found = between_.find(std::minmax(a, b));
-  if (found == between_.end()) return std::nullopt;
-  if (a < b) return found->second;
-  return found->second.transpose();
+  const std::pair<int, int> pair(std::max(a, b), std::min(a, b));
+  const auto found = std::ranges::lower_bound(pairs_, pair);
+  if (found == pairs_.end() || *found != pair) return std::nullopt;
+  const Matrix6d& block = between_[static_cast<std::size_t>(found - pairs_.begin())];
+  if (a < b) return block;
+  return block.transpose();
 }
 
 }  // namespace waymark::slam

@@ -29,12 +29,16 @@ class MapMarginals {
   [[nodiscard]] const std::map<int, Matrix6d>& markers() const { return own_; }
 
   void set(int marker, const Matrix6d& covariance) { own_[marker] = covariance; }
-  // Precondition: set() has given both; a < b.
-  void setBetween(int a, int b, const Matrix6d& covariance) { between_[{a, b}] = covariance; }
+  // Preconditions: set() has given both; a < b; pairs come in the order of b, then of a.
+  void appendBetween(int a, int b, const Matrix6d& covariance) {
+    pairs_.push_back({b, a});
+    between_.push_back(covariance);
+  }
 
  private:
   std::map<int, Matrix6d> own_;
-  std::map<std::pair<int, int>, Matrix6d> between_;  // of a < b
+  std::vector<std::pair<int, int>> pairs_;  // the larger id first, ascending
+  std::vector<Matrix6d> between_;           // as pairs_; rows of the smaller id
 };
 
 }  // namespace waymark::slam
