@@ -82,6 +82,8 @@ TEST(Configuration, TheExampleWithEverythingUncommentedChangesNoDefault) {
   EXPECT_EQ(o.follower.enabled, e.follower.enabled);
   EXPECT_EQ(o.follower.schedule.round_s, e.follower.schedule.round_s);
   EXPECT_EQ(o.work_per_frame, e.work_per_frame);
+  EXPECT_EQ(o.covariance.enabled, e.covariance.enabled);
+  EXPECT_EQ(o.covariance.cost_per_frame, e.covariance.cost_per_frame);
   EXPECT_EQ(o.initialization.ambiguity_ratio, e.initialization.ambiguity_ratio);
   EXPECT_EQ(o.tracking.pose.marker_chi2, e.tracking.pose.marker_chi2);
   EXPECT_EQ(o.tracking.pose.max_rms_px, e.tracking.pose.max_rms_px);

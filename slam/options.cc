@@ -22,6 +22,7 @@ std::string Options::invalidReason() const {
       loops.invalidReason(),
       screening.invalidReason(),
       shutter.invalidReason(),
+      covariance.invalidReason(),
       global_optimization.invalidReason(),
       intrinsics.invalidReason(),
       firstUnmet({

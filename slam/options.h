@@ -6,6 +6,7 @@
 
 #include "slam/camera/lens_optimizer.h"
 #include "slam/camera/rolling_shutter.h"
+#include "slam/covariance/map_covariance.h"
 #include "slam/detection/search/marker_follower.h"
 #include "slam/initialization/initializer.h"
 #include "slam/loop_closure/loop_closer.h"
@@ -29,6 +30,7 @@ struct Options {
   LoopOptions loops;
   MarkerScreeningOptions screening;
   RollingShutterOptions shutter;
+  MapCovarianceOptions covariance;
   // What a frame may spend on optimizations and loop closures, which go on over as many frames as
   // they take: counted, not timed, a unit being what took a microsecond on a core of 3 GHz. More is
   // done sooner, less is steadier.

@@ -9,8 +9,12 @@ enum class PoseSource { kNone, kMarkers, kNaturalFeatures, kPrediction };
 
 struct PoseEstimate {
   Transform T_w_c;
-  // Of (dp, dtheta) as in Transform::retract: metres and radians, both in the world frame.
+  // Of (dp, dtheta) as in Transform::retract: metres and radians, both in the world frame; with
+  // what the map does not know of its markers.
   Matrix6d covariance = Matrix6d::Zero();
+  // The same relative to the markers that the pose was found from, as if each were where the map
+  // has it but for what its own views leave open: for whoever works close to them.
+  Matrix6d view_covariance = Matrix6d::Zero();
   // Velocity of the camera in its own frame, metres and radians per second; zero in the first frame
   // after a gap.
   Vector6d twist = Vector6d::Zero();

@@ -5,6 +5,7 @@
 
 #include "base/task.h"
 #include "slam/camera/rolling_shutter_estimator.h"
+#include "slam/covariance/map_covariance.h"
 #include "slam/detection/search/marker_follower.h"
 #include "slam/initialization/initializer.h"
 #include "slam/mapping/map_updater.h"
@@ -33,6 +34,7 @@ class Slam::Impl {
             &counters_),
         locator_(screening_, camera_, rolling_shutter_, tracker_.tracker()),
         map_(std::move(map)),
+        covariance_(options_.markers, options_.covariance, map_),
         last_old_keyframe_(map_.keyframes().empty() ? -1 : map_.keyframes().rbegin()->first) {
     map_.dictionary = follower_.dictionary().name();
   }
@@ -60,45 +62,48 @@ class Slam::Impl {
         // Also after a new keyframe: in fast motion every frame is one.
         updater_.work(options_.work_per_frame, map_);
       }
+      followMap(observer, result);
     }
     if (result.pose) ++counters_.localized;
     return result;
   }
 
   void finish() {
-    while (options_.mapping && !updater_.idle(map_)) {
-      updater_.work(kUnlimited, map_);
-      FrameResult nobodys;
-      collectWork(&nobodys);
-    }
+    finishWork();
+    covariance_.recover(updater_.residualSigma(), &map_);
   }
 
   void densify(std::span<const RecordedFrame> frames) {
-    finish();
+    finishWork();
     if (!options_.mapping) return;
     locator_.densify(frames, last_old_keyframe_, &map_);
     updater_.resolveAll(&map_);
   }
 
   void optimizeMapGlobally() {
-    finish();
+    finishWork();
     if (options_.mapping && !map_.keyframes().empty()) {
-      (void)slam::optimizeGlobally(&map_, options_.markers, options_.global_optimization);
+      const BundleSummary summary =
+          slam::optimizeGlobally(&map_, options_.markers, options_.global_optimization);
+      covariance_.recover(summary.residual_sigma, &map_);
     }
   }
 
   void optimizeMapAndLens() {
-    finish();
+    finishWork();
     if (!options_.mapping || map_.keyframes().empty()) return;
     (void)slam::optimizeGloballyWithIntrinsics(&map_, options_.markers, given_intrinsics_,
                                                options_.intrinsics, rolling_shutter_.seconds(),
                                                options_.global_optimization, &camera_);
+    covariance_.recover(updater_.residualSigma(), &map_);
   }
 
   [[nodiscard]] std::optional<PoseEstimate> localize(const RecordedFrame& frame) const {
     const auto located = locator_.locate(map_, frame);
     if (!located) return std::nullopt;
-    return tracker_.tracker().estimateOf(located->solution, located->known, frame.twist);
+    auto estimate = tracker_.tracker().estimateOf(located->solution, located->known, frame.twist);
+    estimate.covariance = covariance_.inWorld(located->solution, located->known);
+    return estimate;
   }
 
   [[nodiscard]] const Map& map() const { return map_; }
@@ -107,6 +112,14 @@ class Slam::Impl {
   [[nodiscard]] double readout_s() const { return rolling_shutter_.seconds(); }
 
  private:
+  void finishWork() {
+    while (options_.mapping && !updater_.idle(map_)) {
+      updater_.work(kUnlimited, map_);
+      FrameResult nobodys;
+      collectWork(&nobodys);
+    }
+  }
+
   // The corners in the image, looked for where the map's markers are expected first.
   std::span<const MarkerDetection> detect(const FrameInput& frame,
                                           const std::optional<Prediction>& prediction,
@@ -152,6 +165,8 @@ class Slam::Impl {
     if (!solution) return;
     result->pose = tracker_.tracker().estimateOf(*solution, known, Twist::Zero());
     result->pose->T_w_c = T_w_c;  // of a keyframe: by definition of the world, or as optimized
+    covariance_.recover(updater_.residualSigma(), &map_);
+    result->pose->covariance = covariance_.follow(*solution, known);
     result->state = TrackingState::kTracking;
     tracker_.commit(*result->pose, time.monotonic_ns);
   }
@@ -176,10 +191,18 @@ class Slam::Impl {
       screening_.record(marker, agrees, time.monotonic_ns);
     }
     result->pose = tracker_.estimateOf(*outcome.frame);
+    result->pose->covariance = covariance_.follow(outcome.frame->solution, outcome.frame->eligible);
     result->state = TrackingState::kTracking;
     tracker_.commit(*result->pose, time.monotonic_ns);
     outcome.frame->fitting = fitted.fitting;
     return std::move(outcome.frame);
+  }
+
+  // The map's uncertainty follows its changes, in slices.
+  void followMap(StageObserver* observer, const FrameResult& result) {
+    const StageScope scope(observer, Stage::kMap);
+    if (result.map_changed || result.keyframe_added) covariance_.noteChange();
+    covariance_.work(updater_.residualSigma(), &map_);
   }
 
   // What comes now may be at a loop's other end.
@@ -213,6 +236,7 @@ class Slam::Impl {
   MapUpdater updater_;
   RecordedFrameLocator locator_;
   Map map_;
+  MapCovariance covariance_;
   KeyframeId last_old_keyframe_;  // of the map given at the start; -1 for none
 };
 

@@ -150,6 +150,8 @@ std::vector<Setting> slamSettingKeys(SlamSettings& target) {
       numberSetting("slam.work_per_frame", o.work_per_frame, 10.0, 1e6, ""),
       numberSetting("slam.initialization.ambiguity_ratio", o.initialization.ambiguity_ratio, 1.0,
                     1000.0, ""),
+      flagSetting("slam.covariance.enabled", o.covariance.enabled),
+      numberSetting("slam.covariance.cost_per_frame", o.covariance.cost_per_frame, 1.0, 1e6, ""),
       numberSetting("slam.shutter.readout_s", o.shutter.readout_s, -0.2, 0.2, "s"),
   };
   std::ranges::move(detectionKeys(o), std::back_inserter(keys));

@@ -12,6 +12,7 @@ void withoutPose(MarkerState state, MapMarker* marker) {
   marker->state = state;
   marker->T_w_m.reset();
   marker->other_T_w_m.reset();
+  marker->world_covariance.setZero();
 }
 
 }  // namespace
@@ -178,6 +179,7 @@ void Map::moveWorld(const Transform& T_v_w) {
     if (marker.T_w_m) marker.T_w_m = T_v_w * *marker.T_w_m;
     if (marker.other_T_w_m) marker.other_T_w_m = T_v_w * *marker.other_T_w_m;
     marker.covariance = turn * marker.covariance * turn.transpose();
+    marker.world_covariance = turn * marker.world_covariance * turn.transpose();
     for (Transform& former : marker.former_poses) former = T_v_w * former;
   }
   for (auto& [id, keyframe] : keyframes_) keyframe.T_w_c = T_v_w * keyframe.T_w_c;

@@ -33,6 +33,9 @@ struct MapMarker {
   std::optional<Transform> other_T_w_m;
   // Of (dp, dtheta) of T_w_m, given the keyframes that see it: metres, radians, world frame.
   Matrix6d covariance = Matrix6d::Zero();
+  // The same in the world, with what is not known of the keyframes; zero as long as nobody has
+  // computed it.
+  Matrix6d world_covariance = Matrix6d::Zero();
   std::vector<Transform> former_poses;  // T_w_m before each quarantine
 
   // Whether state and poses go together; those in a map always do. A second pose needs a first.
@@ -96,6 +99,10 @@ class Map {
   // It hangs there: mapped.
   void place(int marker_id, const Transform& T_w_m, const std::optional<Transform>& other = {},
              const Matrix6d& covariance = Matrix6d::Zero());
+  // Precondition: the marker has a pose.
+  void setWorldCovariance(int marker_id, const Matrix6d& covariance) {
+    markers_.at(marker_id).world_covariance = covariance;
+  }
   // Its pose goes to the former ones, where it has one.
   void quarantine(int marker_id);
   // Its pose goes.

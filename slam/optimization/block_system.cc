@@ -109,6 +109,12 @@ std::span<const int> BlockSystem::below(int column) const {
                                   first_[at(column) + 1] - first_[at(column)] - 1);
 }
 
+std::optional<std::size_t> BlockSystem::findPlace(int row, int column) const {
+  const std::size_t found = place(row, column);
+  if (found == first_[at(column) + 1] || rows_[found] != row) return std::nullopt;
+  return found;
+}
+
 Task<Done> BlockSystem::clear(Budget* budget) {
   for (Matrix6d& block : blocks_) {
     co_await budget->spend(kClearBlock);
@@ -179,6 +185,46 @@ void BlockSystem::substitute(int column) {
     x.noalias() -= blocks[i].transpose() * right(rows[i]);
   }
   solveLowerTransposed(diagonal(column), &x);
+}
+
+Task<Done> BlockSystem::invert(Budget* budget) {
+  std::vector<Matrix6d> scratch;
+  for (int column = poses() - 1; column >= 0; --column) {
+    const auto n = static_cast<double>(below(column).size());
+    co_await budget->spend(kColumn + kBlockProduct * n * (n + 2.0));
+    invertColumn(column, &scratch);
+  }
+  co_return Done{};
+}
+
+// With the factor's column L and the inverse Z of all later ones: Z_ij = -sum_k Z_ik Y_k below the
+// diagonal, Y_k = L_kj L_jj^-1; on it L_jj^-T L_jj^-1 - sum_k Y_k^T Z_kj.
+void BlockSystem::invertColumn(int column, std::vector<Matrix6d>* scratch) {
+  Matrix6d L_inverse = Matrix6d::Identity();
+  solveLower(diagonal(column), &L_inverse);
+  const std::span<const int> rows = below(column);
+  Matrix6d* const blocks = blocks_.data() + first_[at(column)] + 1;
+  std::vector<Matrix6d>& Y = *scratch;
+  Y.resize(rows.size());
+  for (std::size_t i = 0; i < rows.size(); ++i) {
+    Y[i].noalias() = blocks[i] * L_inverse;
+    blocks[i].setZero();
+  }
+  for (std::size_t k = 0; k < rows.size(); ++k) {
+    // The later column has all these rows, and others between them.
+    std::size_t place = first_[at(rows[k])];
+    blocks[k].noalias() -= blocks_[place] * Y[k];
+    for (std::size_t i = k + 1; i < rows.size(); ++i) {
+      while (rows_[place] != rows[i]) ++place;
+      blocks[i].noalias() -= blocks_[place] * Y[k];
+      blocks[k].noalias() -= blocks_[place].transpose() * Y[i];
+    }
+  }
+  Matrix6d& on_diagonal = diagonal(column);
+  on_diagonal.noalias() = L_inverse.transpose() * L_inverse;
+  for (std::size_t i = 0; i < rows.size(); ++i) {
+    on_diagonal.noalias() -= Y[i].transpose() * blocks[i];
+  }
 }
 
 std::optional<double> BlockSystem::lastVariance() const {

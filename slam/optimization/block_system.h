@@ -36,6 +36,11 @@ class BlockSystem {
   // Factorizes, in place, and leaves the solution in the right sides. False when the system is not
   // positive definite, or the solution not finite.
   Task<bool> solve(Budget* budget);
+  // The blocks become those of the inverse, where the factor has blocks: Takahashi's recursion,
+  // from the last column to the first. After solve(), without globals.
+  Task<Done> invert(Budget* budget);
+  // As place(); empty where two positions share no block of the factor.
+  [[nodiscard]] std::optional<std::size_t> findPlace(int row, int column) const;
   // Of the last global: the last entry of the inverse. After solve(), with globals.
   [[nodiscard]] std::optional<double> lastVariance() const;
 
@@ -46,6 +51,7 @@ class BlockSystem {
   [[nodiscard]] bool factorizeColumn(int column);
   [[nodiscard]] bool solveGlobals();
   void substitute(int column);
+  void invertColumn(int column, std::vector<Matrix6d>* scratch);
 
   bool with_globals_ = false;
   std::vector<int> position_;       // by pose

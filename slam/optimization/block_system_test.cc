@@ -118,6 +118,29 @@ TEST(BlockSystem, TellsTheVarianceOfTheLastGlobal) {
   EXPECT_NEAR(*variance, inverse(inverse.rows() - 1, inverse.cols() - 1), 1e-12);
 }
 
+TEST(BlockSystem, InvertsWhereItsFactorHasBlocks) {
+  for (const int poses : {1, 2, 12, 60}) {
+    Random random(poses, false);
+    ASSERT_TRUE(solve(&random.system));
+    (void)runToCompletion([&](Budget* a) { return random.system.invert(a); });
+    const Eigen::MatrixXd inverse = random.H.inverse();
+    int known = 0;
+    for (int i = 0; i < poses; ++i) {
+      for (int j = 0; j < poses; ++j) {
+        const int row = random.system.positionOf(i);
+        const int column = random.system.positionOf(j);
+        if (row < column) continue;
+        const auto place = random.system.findPlace(row, column);
+        if (!place) continue;
+        ++known;
+        const Matrix6d expected = inverse.block<6, 6>(6 * i, 6 * j);
+        EXPECT_LT((random.system.block(*place) - expected).norm(), 1e-12) << i << ", " << j;
+      }
+    }
+    EXPECT_GE(known, 2 * poses - 1) << "the diagonal, and the chain";
+  }
+}
+
 // Cut into slices of any size, it is the same computation.
 TEST(BlockSystem, SlicesChangeNothing) {
   Random whole(60, true);

@@ -103,7 +103,7 @@ class FrameTracker {
 
   // The pose was accepted, and the map moved under the camera: as Tracker's.
   void commit(const PoseEstimate& pose, std::int64_t time_ns) {
-    tracker_.commit(pose.T_w_c, pose.covariance, time_ns);
+    tracker_.commit(pose.T_w_c, pose.view_covariance, time_ns);
   }
   void correct(const Transform& T_new_old) {
     if (const auto last = tracker_.lastPose()) tracker_.correct(T_new_old * *last);

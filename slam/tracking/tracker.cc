@@ -54,7 +54,7 @@ PoseEstimate Tracker::estimateOf(const PoseSolution& solution, std::span<const K
                                  const Vector6d& twist) const {
   PoseEstimate estimate;
   estimate.T_w_c = solution.T_w_c;
-  estimate.covariance = solution.covariance;
+  estimate.covariance = estimate.view_covariance = solution.covariance;
   estimate.twist = twist;
   estimate.source = PoseSource::kMarkers;
   estimate.markers_used = solution.inliers;

@@ -1,0 +1,73 @@
+#include "slam/covariance/map_covariance.h"
+
+#include <utility>
+
+#include "slam/covariance/marginal_recovery.h"
+#include "slam/option_checks.h"
+
+namespace waymark::slam {
+
+std::string MapCovarianceOptions::invalidReason() const {
+  return firstUnmet({{isPositive(cost_per_frame), "cost_per_frame must be positive"}});
+}
+
+MapCovariance::MapCovariance(const MarkerOptions& markers, const MapCovarianceOptions& options,
+                             const Map& map)
+    : markers_(markers), options_(options), due_(!map.keyframes().empty()) {
+  for (const auto& [id, marker] : map.markers()) {
+    if (marker.T_w_m) marginals_.set(id, marker.world_covariance);
+  }
+}
+
+void MapCovariance::work(double residual_sigma, Map* map) {
+  if (!options_.enabled) return;
+  if (recovery_ && epoch_ != map->epoch()) {
+    recovery_.reset();  // of coordinates that are no more
+    due_ = true;
+  }
+  if (!recovery_) {
+    if (!std::exchange(due_, false)) return;
+    epoch_ = map->epoch();
+    recovery_.emplace(
+        [&](Budget* budget) { return recoverMarginals(*map, markers_, residual_sigma, budget); });
+  }
+  if (!recovery_->advance(options_.cost_per_frame)) return;
+  MapMarginals marginals = recovery_->take();
+  recovery_.reset();
+  adopt(std::move(marginals), map);
+}
+
+void MapCovariance::recover(double residual_sigma, Map* map) {
+  if (!options_.enabled) return;
+  recovery_.reset();
+  due_ = false;
+  adopt(runToCompletion([&](Budget* budget) {
+          return recoverMarginals(*map, markers_, residual_sigma, budget);
+        }),
+        map);
+}
+
+void MapCovariance::adopt(MapMarginals marginals, Map* map) {
+  if (marginals.empty()) return;
+  for (const auto& [id, covariance] : marginals.markers()) {
+    if (map->findPosed(id) != nullptr) map->setWorldCovariance(id, covariance);
+  }
+  marginals_ = std::move(marginals);
+}
+
+Matrix6d MapCovariance::inWorld(const PoseSolution& solution,
+                                std::span<const KnownMarker> markers) const {
+  if (!options_.enabled) return solution.covariance;
+  const auto in_world = worldCovariance(solution, markers, marginals_, doubt_);
+  return in_world ? in_world->covariance : solution.covariance;
+}
+
+Matrix6d MapCovariance::follow(const PoseSolution& solution, std::span<const KnownMarker> markers) {
+  if (!options_.enabled) return solution.covariance;
+  const auto in_world = worldCovariance(solution, markers, marginals_, doubt_);
+  if (!in_world) return solution.covariance;
+  if (in_world->doubt) doubt_ = *in_world->doubt;
+  return in_world->covariance;
+}
+
+}  // namespace waymark::slam

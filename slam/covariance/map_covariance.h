@@ -1,0 +1,63 @@
+// What the map knows of its own uncertainty, kept up to date as it changes: the markers' marginals,
+// recovered again and again in slices, and the covariance of each frame's pose in the world.
+#pragma once
+
+#include <cstdint>
+#include <optional>
+#include <span>
+#include <string>
+
+#include "base/task.h"
+#include "slam/covariance/marginals.h"
+#include "slam/covariance/world_covariance.h"
+#include "slam/map/map.h"
+#include "slam/map/marker_options.h"
+
+namespace waymark::slam {
+
+struct MapCovarianceOptions {
+  // Off: poses have the covariance relative to the markers in view only, and markers the one given
+  // the keyframes.
+  bool enabled = true;
+  // What a frame may spend on the marginals, in the units of Options::work_per_frame. More follows
+  // a growing map sooner; new markers hang rigidly on known ones until then.
+  double cost_per_frame = 12.0;
+
+  // Empty when usable, else what is wrong.
+  [[nodiscard]] std::string invalidReason() const;
+};
+
+// All that it is given at the start must outlive it.
+class MapCovariance {
+ public:
+  // Of a map that is there already; what it says of its markers is believed until more is known.
+  MapCovariance(const MarkerOptions& markers, const MapCovarianceOptions& options, const Map& map);
+
+  // Poses or views have changed: the marginals are due again.
+  void noteChange() { due_ = true; }
+  // A slice of the recovery under way, or due; what is done goes into the map's markers.
+  // residual_sigma: of the map's whitened residuals.
+  void work(double residual_sigma, Map* map);
+  // All of it at once.
+  void recover(double residual_sigma, Map* map);
+
+  // Of a pose that was found from these markers; that of the solution itself where it cannot be
+  // told.
+  [[nodiscard]] Matrix6d inWorld(const PoseSolution& solution,
+                                 std::span<const KnownMarker> markers) const;
+  // The same of the newest frame: its doubt holds for the next ones whose markers are all new.
+  [[nodiscard]] Matrix6d follow(const PoseSolution& solution, std::span<const KnownMarker> markers);
+
+ private:
+  void adopt(MapMarginals marginals, Map* map);
+
+  const MarkerOptions& markers_;
+  const MapCovarianceOptions& options_;
+  MapMarginals marginals_;
+  PlaceDoubt doubt_;
+  bool due_ = false;
+  std::uint64_t epoch_ = 0;  // of the map when the recovery under way began
+  std::optional<SlicedTask<MapMarginals>> recovery_;
+};
+
+}  // namespace waymark::slam

@@ -1,0 +1,184 @@
+#include "slam/covariance/map_covariance.h"
+
+#include <random>
+
+#include <Eigen/Cholesky>
+#include <gtest/gtest.h>
+
+#include "slam/optimization/map_optimizer.h"
+#include "slam/testing/scene.h"
+
+namespace waymark::slam {
+namespace {
+
+// Of the position.
+double variance_m2(const Matrix6d& covariance) { return covariance.topLeftCorner<3, 3>().trace(); }
+
+constexpr double kSize_m = 0.2;
+constexpr double kSigma_px = 0.1;
+
+double neesOf(const Transform& estimate, const Transform& truth, const Matrix6d& covariance) {
+  const Vector6d error = estimate.localCoordinates(truth);
+  return error.dot(covariance.llt().solve(error));
+}
+
+class MapCovarianceTest : public ::testing::Test {
+ protected:
+  explicit MapCovarianceTest(unsigned seed = 3) : rng_(seed) {
+    markers_ = testing::roomMarkers(28, 2.5, &rng_);
+    options_.size_m = kSize_m;
+  }
+
+  // As the optimization makes it of noisy views.
+  Map optimizedMap(double to_rad = 4.0) {
+    Map map = testing::trueMap(camera_, testing::roomViews(0.0, to_rad, 16), markers_, kSize_m,
+                               kSigma_px, &rng_);
+    (void)optimizeGlobally(&map, options_, {.max_iterations = 30, .min_relative_decrease = 1e-9});
+    return map;
+  }
+
+  struct Frame {
+    std::vector<MarkerDetection> detections;
+    std::vector<KnownMarker> known;
+    PoseSolution solution;
+  };
+  void look(const Map& map, const Transform& truth, Frame* frame) {
+    frame->detections = testing::observeAll(camera_, truth, markers_, kSize_m, kSigma_px, &rng_);
+    frame->known = knownMarkers(map, frame->detections);
+    const auto solution = PoseOptimizer(camera_.focalLength()).optimize(frame->known, truth);
+    ASSERT_TRUE(solution);
+    frame->solution = *solution;
+  }
+
+  std::mt19937 rng_;
+  CameraModel camera_{testing::testCalibration()};
+  std::vector<testing::SyntheticMarker> markers_;
+  MarkerOptions options_;
+  MapCovarianceOptions covariance_options_;
+};
+
+// The consistency test: seeded rooms, mapped from noisy views, and new frames in them.
+TEST_F(MapCovarianceTest, ThePoseInTheWorldErrsAsItSays) {
+  constexpr int kRuns = 1000;
+  double here = 0.0;
+  double far = 0.0;
+  double relative_only = 0.0;
+  double of_markers = 0.0;
+  int marker_count = 0;
+  for (int run = 0; run < kRuns; ++run) {
+    Map map = optimizedMap();
+    MapCovariance covariance(options_, covariance_options_, map);
+    covariance.recover(1.0, &map);
+    Frame near_start;
+    Frame at_end;
+    const Transform near_truth = testing::roomView(0.3);
+    const Transform end_truth = testing::roomView(3.7);
+    look(map, near_truth, &near_start);
+    look(map, end_truth, &at_end);
+    here += neesOf(near_start.solution.T_w_c, near_truth,
+                   covariance.inWorld(near_start.solution, near_start.known)) /
+            kRuns;
+    far += neesOf(at_end.solution.T_w_c, end_truth,
+                  covariance.inWorld(at_end.solution, at_end.known)) /
+           kRuns;
+    relative_only += neesOf(at_end.solution.T_w_c, end_truth, at_end.solution.covariance) / kRuns;
+    for (const auto& [id, marker] : map.markers()) {
+      const Transform& truth = markers_[static_cast<std::size_t>(id)].T_w_m;
+      of_markers += neesOf(*marker.T_w_m, truth, marker.world_covariance);
+      ++marker_count;
+    }
+  }
+  // 95 % of the means of 1000 draws of chi-square with 6 degrees of freedom: 6 +- 0.2; and some
+  // room for what is not linear.
+  EXPECT_NEAR(here, 6.0, 0.5);
+  EXPECT_NEAR(far, 6.0, 0.5);
+  EXPECT_NEAR(of_markers / marker_count, 6.0, 0.5);
+  EXPECT_GT(relative_only, 30.0) << "the map's share is what this is about";
+}
+
+TEST_F(MapCovarianceTest, InSlicesItComesToTheSame) {
+  Map map = optimizedMap();
+  Map sliced_map = map;
+  MapCovariance at_once(options_, covariance_options_, map);
+  at_once.recover(1.0, &map);
+  covariance_options_.cost_per_frame = 2.0;
+  MapCovariance sliced(options_, covariance_options_, sliced_map);
+  sliced.noteChange();
+  int frames = 0;
+  while (sliced_map.markers().at(3).world_covariance.isZero(0.0)) {
+    ASSERT_LT(++frames, 1000);
+    sliced.work(1.0, &sliced_map);
+  }
+  EXPECT_GT(frames, 5);
+  EXPECT_EQ(map.markers().at(3).world_covariance, sliced_map.markers().at(3).world_covariance);
+}
+
+// What was begun in coordinates that are no more is begun anew.
+TEST_F(MapCovarianceTest, BeginsAnewInANewWorld) {
+  Map map = optimizedMap();
+  MapCovariance covariance(options_, covariance_options_, map);
+  covariance.work(1.0, &map);
+  const Transform T_v_w{expSo3({0.0, 0.0, 0.5}), {10.0, 0.0, 0.0}};
+  map.moveWorld(T_v_w);
+  for (int i = 0; i < 2000; ++i) covariance.work(1.0, &map);
+  Map moved = map;
+  MapCovariance of_moved(options_, covariance_options_, moved);
+  of_moved.recover(1.0, &moved);
+  EXPECT_EQ(map.markers().at(3).world_covariance, moved.markers().at(3).world_covariance);
+}
+
+// Markers that were placed since hang on those that were there.
+TEST_F(MapCovarianceTest, NewMarkersAreNoSurerThanTheirNeighbours) {
+  Map map = optimizedMap();
+  Map without_last = map;
+  MapCovariance all(options_, covariance_options_, map);
+  all.recover(1.0, &map);
+  Frame frame;
+  look(map, testing::roomView(3.7), &frame);
+  ASSERT_GE(frame.known.size(), 3U);
+  without_last.ban(frame.known.back().detection->id);
+  MapCovariance before(options_, covariance_options_, without_last);
+  before.recover(1.0, &without_last);
+  const double expected = variance_m2(all.inWorld(frame.solution, frame.known));
+  const double hanging = variance_m2(before.inWorld(frame.solution, frame.known));
+  EXPECT_GT(hanging, 0.8 * expected);
+  EXPECT_LT(hanging, 2.0 * expected);
+}
+
+// Where all are new, what the last frame's place was sure of holds.
+TEST_F(MapCovarianceTest, AmongNewMarkersTheLastDoubtHolds) {
+  Map map = optimizedMap();
+  MapCovariance covariance(options_, covariance_options_, map);
+  covariance.recover(1.0, &map);
+  Frame frame;
+  look(map, testing::roomView(3.7), &frame);
+  const Matrix6d known = covariance.follow(frame.solution, frame.known);
+  std::vector<MarkerDetection> renamed = frame.detections;
+  std::vector<KnownMarker> strangers = frame.known;
+  for (std::size_t i = 0; i < strangers.size(); ++i) {
+    renamed[i].id += 100;
+    strangers[i].detection = &renamed[i];
+  }
+  const Matrix6d among_new = covariance.follow(frame.solution, strangers);
+  EXPECT_GT(variance_m2(among_new), 0.9 * variance_m2(known));
+}
+
+TEST_F(MapCovarianceTest, OffItIsThatOfTheSolution) {
+  covariance_options_.enabled = false;
+  Map map = optimizedMap();
+  MapCovariance covariance(options_, covariance_options_, map);
+  covariance.recover(1.0, &map);
+  Frame frame;
+  look(map, testing::roomView(1.0), &frame);
+  EXPECT_EQ(covariance.follow(frame.solution, frame.known), frame.solution.covariance);
+  EXPECT_TRUE(map.markers().at(3).world_covariance.isZero(0.0));
+}
+
+TEST_F(MapCovarianceTest, ItsOptionsAreChecked) {
+  EXPECT_TRUE(covariance_options_.invalidReason().empty());
+  covariance_options_.cost_per_frame = 0.0;
+  EXPECT_NE(covariance_options_.invalidReason(), "");
+}
+
+}  // namespace
+}  // namespace waymark::slam

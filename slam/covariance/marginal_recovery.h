@@ -1,0 +1,25 @@
+// The marginal covariances of a map's markers, from all that its keyframes have seen: the keyframes
+// are eliminated from the normal equations of Eq. 33, one by one, and of the inverse of what is
+// left only the blocks are computed that markers seen together share (Takahashi's recursion on the
+// sparse factor). World: where the map's optimizations hold it (the first keyframe, an origin
+// marker, anchors).
+//
+// They are those of the best map of these views. A map between two optimizations is a little worse;
+// views of keyframes that were let go are not counted, though the map has learned from them.
+#pragma once
+
+#include "base/task.h"
+#include "slam/covariance/marginals.h"
+#include "slam/map/map.h"
+#include "slam/map/marker_options.h"
+
+namespace waymark::slam {
+
+// residual_sigma: standard deviation of the map's whitened residuals; covariances grow with its
+// square. Markers that no keyframe sees together with others (an imported map) have the covariance
+// that the map gives them. The map may grow meanwhile; it must outlive the task. Should the system
+// be singular, the result is empty.
+Task<MapMarginals> recoverMarginals(const Map& map, const MarkerOptions& markers,
+                                    double residual_sigma, Budget* budget);
+
+}  // namespace waymark::slam

@@ -1,0 +1,185 @@
+#include "slam/covariance/marginal_recovery.h"
+
+#include <random>
+
+#include <Eigen/LU>
+#include <gtest/gtest.h>
+
+#include "slam/optimization/normal_equations.h"
+#include "slam/optimization/subproblem.h"
+#include "slam/testing/scene.h"
+
+namespace waymark::slam {
+namespace {
+
+// Of the position.
+double variance_m2(const Matrix6d& covariance) { return covariance.topLeftCorner<3, 3>().trace(); }
+
+constexpr double kSize_m = 0.2;
+constexpr double kSigma_px = 0.1;
+
+// Somebody turns round in a room of 28 markers.
+class MarginalRecoveryTest : public ::testing::Test {
+ protected:
+  MarginalRecoveryTest()
+      : markers_(testing::roomMarkers(28, 2.5, &rng_)),
+        map_(testing::trueMap(camera_, testing::roomViews(0.0, 5.5, 24), markers_, kSize_m,
+                              kSigma_px, &rng_)) {}
+
+  [[nodiscard]] MapMarginals recovered(double residual_sigma = 1.0) const {
+    return runToCompletion(
+        [&](Budget* a) { return recoverMarginals(map_, options_, residual_sigma, a); });
+  }
+
+  // The inverse of all the normal equations at once, markers after cameras; what is fixed is not in
+  // it. At the truth, where the kernel weighs hardly anything down.
+  [[nodiscard]] Eigen::MatrixXd denseInverse(std::vector<int>* first_row_of_marker) const {
+    constexpr double kNoKernel = 1e9;
+    const Subproblem part = runToCompletion(
+        [&](Budget* a) { return buildSubproblem(map_, wholeMap(map_), options_, a); });
+    const BundleProblem& problem = part.problem;
+    const auto whitened = runToCompletion([&](Budget* a) { return whitenCorners(problem, a); });
+    NormalEquations equations;
+    EXPECT_TRUE(runToCompletion(
+        [&](Budget* a) { return linearize(problem, whitened, kNoKernel, &equations, a); }));
+    int rows = 0;
+    std::vector<int> of_camera;
+    const auto place = [&](const BundleProblem::Pose& pose) {
+      if (pose.fixed) return -1;
+      rows += 6;
+      return rows - 6;
+    };
+    for (const auto& camera : problem.cameras) of_camera.push_back(place(camera));
+    for (const auto& marker : problem.markers) first_row_of_marker->push_back(place(marker));
+    Eigen::MatrixXd H = Eigen::MatrixXd::Zero(rows, rows);
+    const auto add = [&](int row, int column, const Matrix6d& block) {
+      if (row >= 0 && column >= 0) H.block<6, 6>(row, column) += block;
+    };
+    for (std::size_t c = 0; c < problem.cameras.size(); ++c) {
+      add(of_camera[c], of_camera[c], equations.H_camera[c]);
+    }
+    for (std::size_t m = 0; m < problem.markers.size(); ++m) {
+      add((*first_row_of_marker)[m], (*first_row_of_marker)[m], equations.H_marker[m]);
+    }
+    for (std::size_t o = 0; o < problem.observations.size(); ++o) {
+      const int row = of_camera[static_cast<std::size_t>(problem.observations[o].camera)];
+      const int column =
+          (*first_row_of_marker)[static_cast<std::size_t>(problem.observations[o].marker)];
+      add(row, column, equations.H_cross[o]);
+      add(column, row, equations.H_cross[o].transpose());
+    }
+    return H.inverse();
+  }
+
+  void expectAsDense(double relative_tolerance) const {
+    std::vector<int> row;
+    const Eigen::MatrixXd inverse = denseInverse(&row);
+    const MapMarginals marginals = recovered();
+    ASSERT_EQ(marginals.markers().size(), markers_.size());
+    int pairs = 0;
+    for (std::size_t a = 0; a < markers_.size(); ++a) {
+      if (row[a] < 0) continue;
+      for (std::size_t b = 0; b < markers_.size(); ++b) {
+        if (row[b] < 0) continue;
+        const auto block = marginals.between(static_cast<int>(a), static_cast<int>(b));
+        if (!block) continue;
+        ++pairs;
+        const Matrix6d expected = inverse.block<6, 6>(row[a], row[b]);
+        EXPECT_LE((*block - expected).norm(), relative_tolerance * expected.norm())
+            << a << " and " << b;
+      }
+    }
+    EXPECT_GT(pairs, 25);
+  }
+
+  std::mt19937 rng_{7};
+  CameraModel camera_{testing::testCalibration()};
+  std::vector<testing::SyntheticMarker> markers_;
+  Map map_;
+  MarkerOptions options_;
+};
+
+TEST_F(MarginalRecoveryTest, IsTheInverseOfAllNormalEquations) { expectAsDense(1e-4); }
+
+TEST_F(MarginalRecoveryTest, AnOriginMarkerIsTheWorld) {
+  options_.origin_marker = 3;
+  expectAsDense(1e-4);
+  EXPECT_TRUE(recovered().find(3)->isZero(0.0));
+}
+
+TEST_F(MarginalRecoveryTest, AnAnchoredMarkerIsAsSureAsItsAnchor) {
+  options_.anchors = {{.id = 5, .T_w_m = markers_[5].T_w_m, .sigma_m = 0.01, .sigma_rad = 0.02}};
+  const MapMarginals marginals = recovered();
+  EXPECT_NEAR((*marginals.find(5))(0, 0), 1e-4, 1e-6);
+  EXPECT_NEAR((*marginals.find(5))(4, 4), 4e-4, 4e-6);
+}
+
+// Farther from the first keyframe, nobody knows better.
+TEST_F(MarginalRecoveryTest, DoubtGrowsWithTheWay) {
+  const MapMarginals marginals = recovered();
+  EXPECT_GT(variance_m2(*marginals.find(20)), 3.0 * variance_m2(*marginals.find(0)));
+}
+
+TEST_F(MarginalRecoveryTest, GrowsWithTheNoise) {
+  const MapMarginals once = recovered();
+  const MapMarginals twice = recovered(2.0);
+  EXPECT_LT((*twice.find(4) - 4.0 * *once.find(4)).norm(), 1e-3 * twice.find(4)->norm());
+}
+
+TEST_F(MarginalRecoveryTest, KnowsWhatMarkersSeenTogetherHaveInCommon) {
+  const MapMarginals marginals = recovered();
+  ASSERT_TRUE(marginals.between(4, 5));
+  EXPECT_EQ(*marginals.between(4, 5), marginals.between(5, 4)->transpose());
+  EXPECT_FALSE(marginals.between(0, 14)) << "opposite each other, and never in one view";
+}
+
+TEST_F(MarginalRecoveryTest, SlicesChangeNothing) {
+  const MapMarginals at_once = recovered();
+  SlicedTask<MapMarginals> task(
+      [&](Budget* a) { return recoverMarginals(map_, options_, 1.0, a); });
+  int slices = 1;
+  while (!task.advance(5.0)) ++slices;
+  EXPECT_GT(slices, 5);
+  const MapMarginals sliced = task.take();
+  EXPECT_EQ(sliced.markers(), at_once.markers());
+  EXPECT_EQ(*sliced.between(4, 5), *at_once.between(4, 5));
+}
+
+// Keyframes come and go, and views with them, while the work is under way.
+TEST_F(MarginalRecoveryTest, TheMapMayChangeMeanwhile) {
+  SlicedTask<MapMarginals> task(
+      [&](Budget* a) { return recoverMarginals(map_, options_, 1.0, a); });
+  bool added = false;
+  while (!task.advance(5.0)) {
+    if (map_.keyframes().size() > 8 && map_.keyframes().rbegin()->first > 4) {
+      map_.removeKeyframe(map_.keyframes().rbegin()->first);
+    }
+    if (std::exchange(added, true)) continue;
+    Keyframe everything = map_.keyframes().begin()->second;
+    everything.id = -1;
+    for (int id = 6; id < 10; ++id) {
+      everything.detections.push_back(everything.detections.front());
+      everything.detections.back().id = id;
+    }
+    (void)map_.addKeyframe(everything);
+  }
+  const MapMarginals marginals = task.take();
+  for (const auto& [id, covariance] : marginals.markers()) {
+    EXPECT_GT(covariance.diagonal().minCoeff(), 0.0) << id;
+  }
+}
+
+// Of an imported map, with markers but no views.
+TEST_F(MarginalRecoveryTest, MarkersThatNobodySeesKeepWhatTheMapSays) {
+  Map imported;
+  imported.addMarker(1, kSize_m);
+  imported.place(1, markers_[1].T_w_m, {}, 1e-4 * Matrix6d::Identity());
+  const MapMarginals marginals =
+      runToCompletion([&](Budget* a) { return recoverMarginals(imported, options_, 1.0, a); });
+  ASSERT_NE(marginals.find(1), nullptr);
+  EXPECT_EQ(*marginals.find(1), 1e-4 * Matrix6d::Identity());
+  EXPECT_EQ(marginals.find(2), nullptr);
+}
+
+}  // namespace
+}  // namespace waymark::slam

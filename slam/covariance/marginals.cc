@@ -1,0 +1,28 @@
+#include "slam/covariance/marginals.h"
+
+#include <algorithm>
+
+namespace waymark::slam {
+
+Matrix6d rigidTransport(const Eigen::Vector3d& to_from_m) {
+  Matrix6d T = Matrix6d::Identity();
+  T.topRightCorner<3, 3>() = -skew(to_from_m);
+  return T;
+}
+
+const Matrix6d* MapMarginals::find(int marker) const {
+  const auto found = own_.find(marker);
+  return found == own_.end() ? nullptr : &found->second;
+}
+
+std::optional<Matrix6d> MapMarginals::between(int a, int b) const {
+  if (a == b) return own_.at(a);
+  const std::pair<int, int> pair(std::max(a, b), std::min(a, b));
+  const auto found = std::ranges::lower_bound(pairs_, pair);
+  if (found == pairs_.end() || *found != pair) return std::nullopt;
+  const Matrix6d& block = between_[static_cast<std::size_t>(found - pairs_.begin())];
+  if (a < b) return block;
+  return block.transpose();
+}
+
+}  // namespace waymark::slam

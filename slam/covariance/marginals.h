@@ -1,0 +1,44 @@
+// How well the places of a map's markers are known in its world: marginal covariances, and those
+// between markers that are seen together.
+#pragma once
+
+#include <map>
+#include <optional>
+#include <span>
+#include <utility>
+#include <vector>
+
+#include "slam/geometry/transform.h"
+
+namespace waymark::slam {
+
+// Of a rigid body that moves: what (dp, dtheta) at one of its points is at another one, both in the
+// world frame. to_from_m: from the first point to the second.
+[[nodiscard]] Matrix6d rigidTransport(const Eigen::Vector3d& to_from_m);
+
+class MapMarginals {
+ public:
+  // Of (dp, dtheta) of T_w_m: metres and radians, in the world frame. Null for markers whose place
+  // was not known when these were computed.
+  [[nodiscard]] const Matrix6d* find(int marker) const;
+  // E[delta_a delta_b^T], rows of a, columns of b; empty where it was not computed: the two are far
+  // from each other. Precondition: find() knows both.
+  [[nodiscard]] std::optional<Matrix6d> between(int a, int b) const;
+  [[nodiscard]] bool empty() const { return own_.empty(); }
+  // All of them, by id.
+  [[nodiscard]] const std::map<int, Matrix6d>& markers() const { return own_; }
+
+  void set(int marker, const Matrix6d& covariance) { own_[marker] = covariance; }
+  // Preconditions: set() has given both; a < b; pairs come in the order of b, then of a.
+  void appendBetween(int a, int b, const Matrix6d& covariance) {
+    pairs_.push_back({b, a});
+    between_.push_back(covariance);
+  }
+
+ private:
+  std::map<int, Matrix6d> own_;
+  std::vector<std::pair<int, int>> pairs_;  // the larger id first, ascending
+  std::vector<Matrix6d> between_;           // as pairs_; rows of the smaller id
+};
+
+}  // namespace waymark::slam
