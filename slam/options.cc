@@ -8,6 +8,7 @@ namespace waymark::slam {
 void Options::treatAsUnorderedImages() {
   follower.enabled = false;
   tracking.motion.max_age_s = 0.0;
+  tracking.single_marker.min_log_odds = 5.0;  // one image has to do
   work_per_frame = kUnlimited;
 }
 
@@ -18,6 +19,7 @@ std::string Options::invalidReason() const {
       follower.invalidReason(),
       initialization.invalidReason(),
       mapper.keyframes.invalidReason(),
+      tracking.single_marker.invalidReason(),
       mapper.local_optimization.invalidReason(),
       loops.invalidReason(),
       screening.invalidReason(),

@@ -191,7 +191,9 @@ class Slam::Impl {
       screening_.record(marker, agrees, time.monotonic_ns);
     }
     result->pose = tracker_.estimateOf(*outcome.frame);
-    result->pose->covariance = covariance_.follow(outcome.frame->solution, outcome.frame->eligible);
+    result->pose->covariance =
+        covariance_.follow(outcome.frame->solution, outcome.frame->eligible) +
+        coverOfOtherPose(*outcome.frame);
     result->state = TrackingState::kTracking;
     tracker_.commit(*result->pose, time.monotonic_ns);
     outcome.frame->fitting = fitted.fitting;

@@ -1,8 +1,20 @@
 #include "slam/tracking/frame_tracker.h"
 
+#include <algorithm>
+#include <cmath>
 #include <utility>
 
 namespace waymark::slam {
+
+Matrix6d coverOfOtherPose(const TrackedFrame& frame) {
+  if (!frame.single) return Matrix6d::Zero();
+  const SingleMarkerVerdict& verdict = *frame.single;
+  const Vector6d apart = verdict.T_w_c.localCoordinates(verdict.other_T_w_c);
+  // A parabola through the pose and the barrier: sigma^2 of half the way, over the barrier.
+  const double secant = 0.25 / std::max(verdict.barrier, 1.0);
+  const double share = verdict.decided ? 0.0 : 1.0 / (1.0 + std::exp(verdict.log_odds));
+  return (secant + share) * apart * apart.transpose();
+}
 
 FrameMarkers FrameTracker::split(const Map& map, std::span<const MarkerDetection> usable,
                                  const FrameTime& time, const std::optional<Prediction>& prediction,
@@ -28,12 +40,17 @@ TrackingOutcome FrameTracker::track(const Map& map, const FrameMarkers& markers,
   }
   std::span<const KnownMarker> eligible = markers.eligible;
   std::span<const KnownMarker> loop = markers.loop;
-  auto tracked = tracker_.track(eligible, prediction);
+  std::optional<SingleMarkerVerdict> single;
+  auto tracked = eligible.size() == 1
+                     ? trackSingle(eligible.front(), markers.time.monotonic_ns, prediction, &single)
+                     : tracker_.track(eligible, prediction);
+  if (eligible.size() > 1) judge_.forget();
   if (!tracked && !loop.empty()) {
     // Lost for what is near; but the map knows other markers in view.
     outcome.lost_place = true;
     eligible = markers.known;
     loop = {};
+    single.reset();
     tracked = tracker_.track(eligible, prediction);
   }
   if (!tracked) {
@@ -48,12 +65,51 @@ TrackingOutcome FrameTracker::track(const Map& map, const FrameMarkers& markers,
   TrackedFrame& frame = outcome.frame.emplace();
   frame.time = markers.time;
   frame.method = tracked->method;
+  frame.single = single;
+  certain_ = isCertain(frame);
   frame.eligible = eligible;
   frame.loop = loop;
   frame.solution = std::move(tracked->solution);
   frame.twist = tracker_.twistTo(frame.solution.T_w_c, now_ns);
   deskewAgain(map, &frame);
   return outcome;
+}
+
+// Of the only marker's two poses the one that the frames so far speak for. As long as they say too
+// little, the one that goes on as the camera moved; without such a one there is no pose.
+std::optional<TrackedPose> FrameTracker::trackSingle(const KnownMarker& marker,
+                                                     std::int64_t time_ns,
+                                                     const std::optional<Prediction>& prediction,
+                                                     std::optional<SingleMarkerVerdict>* verdict) {
+  const auto expected =
+      prediction && certain_ ? std::optional(prediction->T_w_c) : std::optional<Transform>();
+  *verdict = judge_.judge(marker, time_ns, expected);
+  if (!*verdict || (!(*verdict)->decided && !prediction)) return std::nullopt;
+  const Transform& start = (*verdict)->decided ? (*verdict)->T_w_c : prediction->T_w_c;
+  auto solution = tracker_.optimizer().optimize({&marker, 1}, start);
+  if (!solution || !tracker_.optimizer().acceptable(*solution)) return std::nullopt;
+  TrackedPose tracked;
+  const bool goes_on =
+      prediction && rotationDistance(solution->T_w_c.R, prediction->T_w_c.R) < other_rotation_rad_;
+  tracked.method = goes_on ? TrackingMethod::kPredicted : TrackingMethod::kRelocalized;
+  tracked.prediction_rejected = prediction && !goes_on;
+  tracked.solution = std::move(*solution);
+  return tracked;
+}
+
+PoseEstimate FrameTracker::estimateOf(const TrackedFrame& frame) const {
+  PoseEstimate estimate = tracker_.estimateOf(frame.solution, frame.eligible, frame.twist);
+  if (!frame.single) return estimate;
+  const Matrix6d cover = coverOfOtherPose(frame);
+  estimate.covariance += cover;
+  estimate.view_covariance += cover;
+  if (isCertain(frame)) {
+    estimate.ambiguity_ratio = std::max(estimate.ambiguity_ratio, min_ratio_);
+  } else {
+    const double share = frame.single->log_odds / options_.min_log_odds;
+    estimate.ambiguity_ratio = std::min(estimate.ambiguity_ratio, 1.0 + share * (min_ratio_ - 1.0));
+  }
+  return estimate;
 }
 
 // With the velocity this frame has shown, instead of the predicted one.

@@ -34,10 +34,21 @@ struct TrackedFrame {
   PoseSolution solution;  // one flag for each of `eligible`
   Twist twist = Twist::Zero();
   TrackingMethod method = TrackingMethod::kPredicted;
+  // Of a single marker's two poses; empty where several markers were in view.
+  std::optional<SingleMarkerVerdict> single;
   std::span<const KnownMarker> eligible;  // what it was found from
   std::span<const KnownMarker> loop;
   std::span<const MarkerDetection> fitting;  // once FrameTracker::fit() has told
 };
+
+// The pose is not one of two that nothing has decided between.
+[[nodiscard]] inline bool isCertain(const TrackedFrame& frame) {
+  return !frame.single || frame.single->decided;
+}
+// What the covariance of a pose from a single marker has to be widened by: as far as its corners
+// allow along the way to the other pose, which is no parabola; and where nothing is decided, to the
+// other pose as often as that is the right one.
+[[nodiscard]] Matrix6d coverOfOtherPose(const TrackedFrame& frame);
 
 // As a keyframe of what fits.
 [[nodiscard]] inline Keyframe keyframeOf(const TrackedFrame& frame,
@@ -79,7 +90,11 @@ class FrameTracker {
                const RollingShutterEstimator& rolling_shutter)
       : camera_(camera),
         rolling_shutter_(rolling_shutter),
-        tracker_(camera.focalLength(), options) {}
+        tracker_(camera.focalLength(), options),
+        options_(options.single_marker),
+        other_rotation_rad_(options.relocalization.other_rotation_rad),
+        min_ratio_(options.relocalization.ambiguity_ratio),
+        judge_(camera.focalLength(), options.single_marker, options.relocalization.square) {}
 
   // Where the camera is expected; empty without a recent pose.
   [[nodiscard]] std::optional<Prediction> predict(std::int64_t time_ns) const {
@@ -97,9 +112,8 @@ class FrameTracker {
   // residual_sigma: the map's.
   [[nodiscard]] FittedMarkers fit(const Map& map, const FrameMarkers& markers,
                                   const TrackedFrame& frame, double residual_sigma);
-  [[nodiscard]] PoseEstimate estimateOf(const TrackedFrame& frame) const {
-    return tracker_.estimateOf(frame.solution, frame.eligible, frame.twist);
-  }
+  // Its covariances are those relative to the markers in view.
+  [[nodiscard]] PoseEstimate estimateOf(const TrackedFrame& frame) const;
 
   // The pose was accepted, and the map moved under the camera: as Tracker's.
   void commit(const PoseEstimate& pose, std::int64_t time_ns) {
@@ -111,11 +125,20 @@ class FrameTracker {
   [[nodiscard]] const Tracker& tracker() const { return tracker_; }
 
  private:
+  [[nodiscard]] std::optional<TrackedPose> trackSingle(const KnownMarker& marker,
+                                                       std::int64_t time_ns,
+                                                       const std::optional<Prediction>& prediction,
+                                                       std::optional<SingleMarkerVerdict>* verdict);
   void deskewAgain(const Map& map, TrackedFrame* frame);
 
   const CameraModel& camera_;
   const RollingShutterEstimator& rolling_shutter_;
   Tracker tracker_;
+  SingleMarkerOptions options_;
+  double other_rotation_rad_;
+  double min_ratio_;  // from which a pose counts as unambiguous
+  SingleMarkerJudge judge_;
+  bool certain_ = false;  // of the last pose
   // What the values above refer to; reused from frame to frame.
   std::vector<MarkerDetection> detections_;
   std::vector<KnownMarker> known_;  // pointing into detections_

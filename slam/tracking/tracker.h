@@ -11,6 +11,7 @@
 #include "slam/pose_estimate.h"
 #include "slam/relocalization/relocalizer.h"
 #include "slam/tracking/motion_model.h"
+#include "slam/tracking/single_marker.h"
 
 namespace waymark::slam {
 
@@ -18,6 +19,7 @@ struct TrackerOptions {
   PoseOptimizerOptions pose;
   MotionModelOptions motion;
   RelocalizerOptions relocalization;
+  SingleMarkerOptions single_marker;
 };
 
 enum class TrackingMethod { kPredicted, kRelocalized };
