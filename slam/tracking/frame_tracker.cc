@@ -74,7 +74,7 @@ FittedMarkers FrameTracker::fit(const Map& map, const FrameMarkers& markers,
   for (const MarkerDetection& detection : markers.detections) {
     if (map.findPosed(detection.id) == nullptr) fitting_.push_back(detection);
   }
-  const bool others_agree = frame.solution.inliers >= 2;
+  const bool others_agree = frame.solution.inliers >= min_witnesses_;
   for (std::size_t i = 0; i < frame.eligible.size(); ++i) {
     const KnownMarker& known = frame.eligible[i];
     if (frame.solution.inlier[i]) {

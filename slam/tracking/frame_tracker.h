@@ -79,7 +79,8 @@ class FrameTracker {
                const RollingShutterEstimator& rolling_shutter)
       : camera_(camera),
         rolling_shutter_(rolling_shutter),
-        tracker_(camera.focalLength(), options) {}
+        tracker_(camera.focalLength(), options),
+        min_witnesses_(options.min_witnesses) {}
 
   // Where the camera is expected; empty without a recent pose.
   [[nodiscard]] std::optional<Prediction> predict(std::int64_t time_ns) const {
@@ -116,6 +117,7 @@ class FrameTracker {
   const CameraModel& camera_;
   const RollingShutterEstimator& rolling_shutter_;
   Tracker tracker_;
+  int min_witnesses_;
   // What the values above refer to; reused from frame to frame.
   std::vector<MarkerDetection> detections_;
   std::vector<KnownMarker> known_;  // pointing into detections_
