@@ -18,9 +18,8 @@ std::string Options::invalidReason() const {
       detector.invalidReason(),
       follower.invalidReason(),
       initialization.invalidReason(),
-      mapper.keyframes.invalidReason(),
-      tracking.single_marker.invalidReason(),
-      mapper.local_optimization.invalidReason(),
+      tracking.invalidReason(),
+      mapper.invalidReason(),
       loops.invalidReason(),
       screening.invalidReason(),
       shutter.invalidReason(),
@@ -28,10 +27,6 @@ std::string Options::invalidReason() const {
       global_optimization.invalidReason(),
       intrinsics.invalidReason(),
       firstUnmet({
-          {mapper.marker_pose.ambiguity_ratio >= 1.0 &&
-               tracking.relocalization.ambiguity_ratio >= 1.0,
-           "ambiguity ratios must be at least 1"},
-          {mapper.marker_pose.min_views >= 2, "a marker needs at least 2 views to be resolved"},
           {isPositive(work_per_frame), "the work of a frame must be positive"},
       }),
   });

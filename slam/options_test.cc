@@ -62,14 +62,12 @@ TEST(Options, EveryStageIsAsked) {
          "initialization needs at least 1 attempt");
   expect([](Options* o) { o->initialization.two_frame.min_baseline_m = 0.0; },
          "the baseline of two frames must be positive");
-  expect([](Options* o) { o->tracking.relocalization.ambiguity_ratio = 0.0; },
-         "ambiguity ratios must be at least 1");
+  expect([](Options* o) { o->tracking.min_witnesses = 0; },
+         "a marker that disagrees needs at least 1 witness");
   expect([](Options* o) { o->mapper.keyframes.min_baseline_m = 0.0; },
          "keyframe distances must be positive");
   expect([](Options* o) { o->mapper.keyframes.views_per_marker = 1; },
          "views per marker must be at least 2");
-  expect([](Options* o) { o->mapper.marker_pose.min_views = 1; },
-         "a marker needs at least 2 views to be resolved");
   expect([](Options* o) { o->mapper.local_optimization.max_iterations = 0; },
          "an optimization needs at least 1 iteration");
   expect([](Options* o) { o->loops.ambiguity_floor = -1.0; },
@@ -86,6 +84,103 @@ TEST(Options, EveryStageIsAsked) {
   expect([](Options* o) { o->intrinsics.focal_px = -1.0; },
          "the sigmas of the intrinsics must not be negative");
   expect([](Options* o) { o->work_per_frame = 0.0; }, "the work of a frame must be positive");
+}
+
+TEST(Options, OfTheSquaresPoseWhereverItIsUsed) {
+  const auto expect = [](const std::function<void(SquarePoseOptions*)>& change,
+                         const std::string& reason) {
+    EXPECT_EQ(reasonAfter([&](Options* o) { change(&o->initialization.square); }), reason);
+    EXPECT_EQ(reasonAfter([&](Options* o) { change(&o->initialization.two_frame.square); }),
+              reason);
+    EXPECT_EQ(reasonAfter([&](Options* o) { change(&o->tracking.relocalization.square); }), reason);
+    EXPECT_EQ(reasonAfter([&](Options* o) { change(&o->mapper.marker_pose.square); }), reason);
+  };
+  expect([](SquarePoseOptions* o) { o->systematic_sigma_px = -0.1; },
+         "the systematic error of a corner must not be negative");
+  expect([](SquarePoseOptions* o) { o->evidence_floor = -1.0; },
+         "the floor of the evidence must not be negative");
+  expect([](SquarePoseOptions* o) { o->refinement_iterations = 0; },
+         "a square's pose needs at least 1 iteration");
+  expect([](SquarePoseOptions* o) { o->same_rotation_rad = -0.01; },
+         "the turn of the same solution must not be negative");
+  expect([](SquarePoseOptions* o) { o->unseen_chi2 = 0.0; },
+         "the chi-square of an unseen marker must be positive");
+}
+
+TEST(Options, OfTheCamerasPose) {
+  const auto expect = [](const std::function<void(TrackerOptions*)>& change,
+                         const std::string& reason) {
+    EXPECT_EQ(reasonAfter([&](Options* o) { change(&o->tracking); }), reason);
+  };
+  expect([](TrackerOptions* o) { o->pose.max_iterations = 0; },
+         "a camera's pose needs at least 1 iteration");
+  expect([](TrackerOptions* o) { o->pose.huber = 0.0; }, "Huber's threshold must be positive");
+  expect([](TrackerOptions* o) { o->pose.marker_chi2 = 0.0; },
+         "the chi-square of a marker must be positive");
+  expect([](TrackerOptions* o) { o->pose.min_gated_markers = 2; },
+         "the gate of markers needs at least 3 of them");
+  expect([](TrackerOptions* o) { o->pose.inlier_rms_px = -1.0; },
+         "the residuals of a marker that fits must not be negative");
+  expect([](TrackerOptions* o) { o->pose.max_rms_px = 0.0; },
+         "the largest residuals of a pose must be positive");
+  expect([](TrackerOptions* o) { o->pose.min_inlier_share = 1.5; },
+         "the share of markers that fit must be from 0 to 1");
+  expect([](TrackerOptions* o) { o->motion.max_age_s = -1.0; },
+         "the gaps that a motion outlasts must not be negative");
+  expect([](TrackerOptions* o) { o->motion.acceleration_sigma = -1.0; },
+         "the sigmas of accelerations must not be negative");
+  expect([](TrackerOptions* o) { o->motion.velocity_sigma = -1.0; },
+         "the sigmas of velocities must not be negative");
+  expect([](TrackerOptions* o) { o->relocalization.ambiguity_ratio = 0.0; },
+         "ambiguity ratios must be at least 1");
+  expect([](TrackerOptions* o) { o->relocalization.other_rotation_rad = -0.1; },
+         "the turn to another pose must not be negative");
+  expect([](TrackerOptions* o) { o->relocalization.max_marker_chi2 = 0.0; },
+         "the largest chi-square of a marker must be positive");
+  expect([](TrackerOptions* o) { o->relocalization.min_inlier_share = -0.5; },
+         "the share of markers that agree must be from 0 to 1");
+  expect([](TrackerOptions* o) { o->max_innovation_per_rms = -0.5; },
+         "the innovation of a believed marker must not be negative");
+  expect([](TrackerOptions* o) { o->ambiguity_floor = -1.0; },
+         "the floor of a pose's ambiguity must not be negative");
+}
+
+TEST(Options, OfTheMapsGrowth) {
+  const auto expect = [](const std::function<void(Options*)>& change, const std::string& reason) {
+    EXPECT_EQ(reasonAfter(change), reason);
+  };
+  expect([](Options* o) { o->initialization.two_frame.other_rotation_rad = -0.1; },
+         "the turn to another pose must not be negative");
+  expect([](Options* o) { o->mapper.keyframes.unknown_depth_m = 0.0; },
+         "the distance of unknown markers must be positive");
+  expect([](Options* o) { o->mapper.marker_pose.min_views = 1; },
+         "a marker needs at least 2 views to be resolved");
+  expect([](Options* o) { o->mapper.marker_pose.ambiguity_ratio = 0.5; },
+         "ambiguity ratios must be at least 1");
+  expect([](Options* o) { o->mapper.marker_pose.final_ratio = 0.5; },
+         "ambiguity ratios must be at least 1");
+  expect([](Options* o) { o->mapper.marker_pose.other_rotation_rad = -0.1; },
+         "the turn to another pose must not be negative");
+  expect([](Options* o) { o->mapper.marker_pose.max_chi2_per_view = 0.0; },
+         "the chi-square of a view must be positive");
+  expect([](Options* o) { o->mapper.marker_pose.refinement_iterations = 0; },
+         "a marker's pose needs at least 1 iteration");
+  expect([](Options* o) { o->mapper.work_share = 1.5; },
+         "the share of local optimization must be from 0 to 1");
+  expect([](Options* o) { o->mapper.second_look_views = 1; },
+         "a second look at a marker needs at least 2 views");
+  expect([](Options* o) { o->loops.min_joining_share = -0.1; },
+         "the share of a loop's markers must be from 0 to 1");
+  expect([](Options* o) { o->loops.frames_between_attempts = -1; },
+         "the frames between loop closures must not be negative");
+  expect([](Options* o) { o->loops.min_witnesses = 0; },
+         "a marker that disagrees needs at least 1 witness");
+  expect([](Options* o) { o->loops.other_rotation_rad = -0.1; },
+         "the turn to another pose must not be negative");
+  expect([](Options* o) { o->shutter.min_change_sigmas = -1.0; },
+         "the sigmas of a readout time must not be negative");
+  expect([](Options* o) { o->global_optimization.gate_after = 1.5; },
+         "the iterations before the gate must be a share from 0 to 1");
 }
 
 }  // namespace

@@ -220,7 +220,7 @@ class Slam::Impl {
     result->map_changed = result->map_changed || growth.map_changed;
     result->keyframe_added = result->keyframe_added || growth.keyframe_added;
     const Transform& T_w_c = result->pose->T_w_c;
-    const double depth_m = medianDepth(map_, growth.fitting, T_w_c).value_or(1.0);
+    const auto depth_m = medianDepth(map_, growth.fitting, T_w_c);
     local_.update(map_, growth.fitting, T_w_c, depth_m, options_.mapper.keyframes);
   }
 

@@ -13,7 +13,8 @@ std::string RollingShutterOptions::invalidReason() const {
       {!readout_s || std::isfinite(*readout_s), "the readout time must be a number"},
       {std::isfinite(learned_s), "the learned readout time must be a number"},
       {isNotNegative(min_s) && max_s >= min_s, "the range of readout times is empty"},
-      {isNotNegative(min_sigmas), "the sigmas of a readout time must not be negative"},
+      {isNotNegative(min_sigmas) && isNotNegative(min_change_sigmas),
+       "the sigmas of a readout time must not be negative"},
       {first_keyframes >= 1 && max_keyframes >= 1, "a readout time needs at least 1 keyframe"},
       {growth > 1.0, "the map must grow before the readout time is estimated again"},
   });
@@ -77,8 +78,7 @@ bool believable(double estimated_s, double sigma_s, double in_use_s,
   const double length = std::abs(estimated_s);
   if (length > options.max_s || length < options.min_s) return false;
   if (length < options.min_sigmas * sigma_s) return false;
-  // A change moves every corner of the map: not for what noise does to the estimate.
-  return std::abs(estimated_s - in_use_s) > 2.0 * sigma_s;
+  return std::abs(estimated_s - in_use_s) > options.min_change_sigmas * sigma_s;
 }
 
 }  // namespace waymark::slam

@@ -60,6 +60,9 @@ struct RollingShutterOptions {
   double min_s = 0.003;
   double min_sigmas = 8.0;
   double max_s = 0.1;
+  // A better one takes its place only if it differs by this many of its standard deviations: a
+  // change moves every corner of the map.
+  double min_change_sigmas = 2.0;
   // It is estimated when the map has this many keyframes, and again whenever it has grown by the
   // factor, from the newest ones of them, at most so many. Each time costs an optimization of
   // those; of the whole map, when a new readout time is believed.

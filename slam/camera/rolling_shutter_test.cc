@@ -130,5 +130,17 @@ TEST_F(RollingShutterTest, ACameraAtRestDoesNotInventOne) {
   EXPECT_TRUE(!found || !believable(found->readout_s, found->sigma_s, 0.0, {}));
 }
 
+TEST(RollingShutter, ALittleChangeIsNotBelieved) {
+  const auto believed = [](double change_sigmas, const RollingShutterOptions& options = {}) {
+    constexpr double kSigma_s = 1e-4;
+    return believable(kReadout_s + change_sigmas * kSigma_s, kSigma_s, kReadout_s, options);
+  };
+  EXPECT_FALSE(believed(1.5));
+  EXPECT_TRUE(believed(2.5));
+  RollingShutterOptions options;
+  options.min_change_sigmas = 1.0;
+  EXPECT_TRUE(believed(1.5, options));
+}
+
 }  // namespace
 }  // namespace waymark::slam

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <memory_resource>
 #include <vector>
 
@@ -11,6 +12,7 @@
 #include "slam/geometry/minimize_pose.h"
 #include "slam/geometry/reprojection.h"
 #include "slam/geometry/robust.h"
+#include "slam/option_checks.h"
 
 namespace waymark::slam {
 
@@ -21,7 +23,7 @@ namespace {
 // by one, each carries four times its own part, lest a doubtful marker count as four witnesses.
 // False when a corner is behind the camera.
 bool whiten(const KnownMarker& marker, const Transform& T_w_c, WhitenedCorners* whitening_of) {
-  constexpr double kShared = 4.0;
+  constexpr double kShared = 4.0;  // corners
   for (std::size_t k = 0; k < 4; ++k) {
     Projection projection;
     if (!projectPoint(T_w_c, marker.corners_w[k], &projection)) return false;
@@ -98,6 +100,19 @@ double sidePx(const MarkerDetection& detection) {
 
 }  // namespace
 
+std::string PoseOptimizerOptions::invalidReason() const {
+  return firstUnmet({
+      {max_iterations >= 1, "a camera's pose needs at least 1 iteration"},
+      {isPositive(huber), "Huber's threshold must be positive"},
+      {isPositive(marker_chi2), "the chi-square of a marker must be positive"},
+      {min_gated_markers >= 3, "the gate of markers needs at least 3 of them"},
+      {isNotNegative(inlier_rms_px), "the residuals of a marker that fits must not be negative"},
+      {isPositive(max_rms_px) && isNotNegative(max_rms_per_side),
+       "the largest residuals of a pose must be positive"},
+      {isShare(min_inlier_share), "the share of markers that fit must be from 0 to 1"},
+  });
+}
+
 PoseOptimizer::PoseOptimizer(double focal_px, const PoseOptimizerOptions& options)
     : focal_px_(focal_px), options_(options) {}
 
@@ -124,17 +139,21 @@ double PoseOptimizer::rmsPx(const KnownMarker& marker, const Transform& T_w_c) c
   double squared = 0.0;
   for (std::size_t k = 0; k < 4; ++k) {
     const auto error = squaredError(T_w_c, marker.corners_w[k], marker.detection->normalized[k]);
-    if (!error) return 1e9;  // never an inlier
+    if (!error) return std::numeric_limits<double>::infinity();
     squared += *error;
   }
   return focal_px_ * std::sqrt(0.25 * squared);
+}
+
+bool PoseOptimizer::areEnough(std::size_t inliers, std::size_t markers) const {
+  return static_cast<double>(inliers) >= options_.min_inlier_share * static_cast<double>(markers);
 }
 
 bool PoseOptimizer::acceptable(const PoseSolution& solution) const {
   const double worst =
       std::max(options_.max_rms_px, options_.max_rms_per_side * solution.mean_side_px);
   return solution.rms_px <= worst &&
-         2 * solution.inliers >= static_cast<int>(solution.inlier.size());
+         areEnough(static_cast<std::size_t>(solution.inliers), solution.inlier.size());
 }
 
 std::optional<PoseSolution> PoseOptimizer::optimize(std::span<const KnownMarker> markers,
@@ -162,7 +181,7 @@ std::optional<PoseSolution> PoseOptimizer::optimize(std::span<const KnownMarker>
   }
   const double residual_sigma = residualSigmaOf(corner_errors);
   bool changed = residual_sigma > 1.0;
-  if (markers.size() >= 3) {
+  if (static_cast<int>(markers.size()) >= options_.min_gated_markers) {
     for (std::size_t i = 0; i < markers.size(); ++i) {
       const double* squared = corner_errors.data() + 4 * i;
       const double chi2 = squared[0] + squared[1] + squared[2] + squared[3];
@@ -172,8 +191,8 @@ std::optional<PoseSolution> PoseOptimizer::optimize(std::span<const KnownMarker>
       changed = changed || !fits;
     }
   }
-  // Without a majority nobody can say who is wrong: all stay, and the residuals tell the rest.
-  if (2 * solution.inlier.count() < markers.size()) {
+  // Nobody can say who is wrong: all stay, and the residuals tell the rest.
+  if (!areEnough(solution.inlier.count(), markers.size())) {
     solution.inlier.assign(markers.size(), true);
   }
   if (changed) {

@@ -3,6 +3,7 @@
 
 #include <optional>
 #include <span>
+#include <string>
 
 #include "slam/camera_pose/known_marker.h"
 #include "slam/camera_pose/marker_flags.h"
@@ -11,14 +12,19 @@
 namespace waymark::slam {
 
 struct PoseOptimizerOptions {
+  // At most, before the gate of marker_chi2 and again after it. More let worse guesses reach the
+  // minimum and cost time.
   int max_iterations = 20;
   // Huber's threshold on a corner's whitened residual norm, in units of the frame's own noise; 2.45
   // keeps 95 % of Gaussian corners quadratic.
   double huber = 2.45;
   // A marker whose chi-square (8 residuals, in units of the frame's own noise) exceeds this is left
   // out: 26.1 is the 99.9 % quantile. Smaller rejects more good markers, larger lets a moved one
-  // pull. Needs three markers: two that disagree cannot be told apart.
+  // pull.
   double marker_chi2 = 26.1;
+  // Only among at least so many markers: of two that disagree nobody knows which one is wrong. More
+  // is surer of who is, and lets a moved marker pull where few are in view.
+  int min_gated_markers = 3;
   // A marker that fits this well is never left out, pixels: below it the lens model and the paper
   // speak, not the marker.
   double inlier_rms_px = 0.35;
@@ -26,6 +32,13 @@ struct PoseOptimizerOptions {
   // markers' mean side in the image (close by, a bent sheet is many pixels off).
   double max_rms_px = 3.0;
   double max_rms_per_side = 0.06;
+  // At least this share of a frame's markers has to fit. With fewer nobody can say who is wrong:
+  // the gate leaves out none, and a pose that fits fewer is rejected. Larger rejects more poses,
+  // smaller believes a minority.
+  double min_inlier_share = 0.5;
+
+  // Empty when usable, else what is wrong.
+  [[nodiscard]] std::string invalidReason() const;
 };
 
 struct PoseSolution {
@@ -63,6 +76,8 @@ class PoseOptimizer {
                               double residual_sigma) const;
 
  private:
+  [[nodiscard]] bool areEnough(std::size_t inliers, std::size_t markers) const;
+  // Infinite behind the camera.
   [[nodiscard]] double rmsPx(const KnownMarker& marker, const Transform& T_w_c) const;
 
   double focal_px_;

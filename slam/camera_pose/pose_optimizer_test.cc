@@ -131,6 +131,23 @@ TEST_F(PoseOptimizerTest, LeavesOutAMarkerThatMoved) {
   EXPECT_LT(error.dot(solution->covariance.inverse() * error), 22.5);
 }
 
+// Too few markers, or too few that fit, do not say which one is wrong.
+TEST_F(PoseOptimizerTest, LeavesOutNoneWhereNobodyKnowsWhich) {
+  auto detections = testing::observeAll(camera_, truth_, markers_, kSize, 0.05, &rng_);
+  markers_[static_cast<std::size_t>(detections[1].id)].T_w_m.p.x() += 0.05;
+  const int count = static_cast<int>(detections.size());
+  const auto inliers = [&](const PoseOptimizerOptions& options) {
+    const PoseOptimizer optimizer(camera_.focalLength(), options);
+    const auto solution = optimizer.optimize(known(detections), guess_);
+    EXPECT_TRUE(solution);
+    return solution ? solution->inliers : 0;
+  };
+  EXPECT_EQ(inliers({.min_gated_markers = count}), count - 1);
+  EXPECT_EQ(inliers({.min_gated_markers = count + 1}), count);
+  EXPECT_EQ(inliers({.min_inlier_share = (count - 1.5) / count}), count - 1);
+  EXPECT_EQ(inliers({.min_inlier_share = 1.0}), count);
+}
+
 // What the map does not know of its markers is in the pose's covariance, and a doubtful marker
 // counts for little beside sure ones.
 TEST_F(PoseOptimizerTest, DoubtfulMarkersCountForLittle) {

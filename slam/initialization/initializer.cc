@@ -31,6 +31,7 @@ std::string InitializationOptions::invalidReason() const {
           {attempts >= 1, "initialization needs at least 1 attempt"},
       }),
       two_frame.invalidReason(),
+      square.invalidReason(),
   });
 }
 

@@ -13,7 +13,9 @@
 namespace waymark::slam {
 
 struct InitializationOptions {
-  double ambiguity_ratio = 3.0;  // tau_e of Eq. 14
+  // tau_e of Eq. 14: how much worse a marker's other pose must fit for it to start a map alone.
+  // Larger starts later, smaller may start from the wrong one.
+  double ambiguity_ratio = 3.0;
   // n: after this many frames without a start, f^0 is replaced by the newest one. Too few never
   // reach a baseline, too many hold on to a frame with nothing in common.
   int attempts = 60;

@@ -12,8 +12,6 @@
 namespace waymark::slam {
 namespace {
 
-constexpr double kBehind = 1e6;  // chi-square of a marker a camera cannot see
-
 // A marker seen in both frames, with both solutions of each (theta_m^0 and theta_m^1).
 struct CommonMarker {
   const MarkerDetection* seen[2] = {nullptr, nullptr};
@@ -39,30 +37,32 @@ std::vector<CommonMarker> commonMarkers(std::span<const MarkerDetection> first,
   return common;
 }
 
-// e_m^t of Eq. 11, whitened.
-double reprojectionError(const MarkerDetection& detection, double size_m, const Transform& T_c_m) {
+// e_m^t of Eq. 11, whitened; at most `unseen`, as behind the camera.
+double reprojectionError(const MarkerDetection& detection, double size_m, const Transform& T_c_m,
+                         double unseen) {
   double error = 0.0;
   const auto corners = markerCorners(size_m);
   for (std::size_t k = 0; k < 4; ++k) {
     const auto squared = squaredError(Transform{}, T_c_m * corners[k], detection.normalized[k],
                                       whitening(detection.covariance[k]));
-    if (!squared) return kBehind;
+    if (!squared) return unseen;
     error += *squared;
   }
-  return std::min(error, kBehind);
+  return std::min(error, unseen);
 }
 
 // beta of Eq. 17 for the motion T_0_1.
-double motionError(const std::vector<CommonMarker>& common, const Transform& T_0_1) {
+double motionError(const std::vector<CommonMarker>& common, const Transform& T_0_1, double unseen) {
+  const auto errorOf = [unseen](const CommonMarker& m, int frame, const Transform& T_c_m) {
+    return reprojectionError(*m.seen[frame], m.size_m, T_c_m, unseen);
+  };
   const Transform T_1_0 = T_0_1.inverse();
   double beta = 0.0;
   for (const CommonMarker& m : common) {
     const auto& in_first = m.solutions[0].T_c_m;
     const auto& in_second = m.solutions[1].T_c_m;
-    beta += std::min(reprojectionError(*m.seen[1], m.size_m, T_1_0 * in_first[0]),
-                     reprojectionError(*m.seen[1], m.size_m, T_1_0 * in_first[1]));
-    beta += std::min(reprojectionError(*m.seen[0], m.size_m, T_0_1 * in_second[0]),
-                     reprojectionError(*m.seen[0], m.size_m, T_0_1 * in_second[1]));
+    beta += std::min(errorOf(m, 1, T_1_0 * in_first[0]), errorOf(m, 1, T_1_0 * in_first[1]));
+    beta += std::min(errorOf(m, 0, T_0_1 * in_second[0]), errorOf(m, 0, T_0_1 * in_second[1]));
   }
   return beta;
 }
@@ -75,7 +75,8 @@ struct Motion {
 
 // The motion refined together with the common markers' poses, started where Eq. 19-20 put them.
 Motion refine(const std::vector<CommonMarker>& common, const Transform& T_0_1,
-              const BundleOptions& options) {
+              const TwoFrameOptions& options) {
+  const double unseen = options.square.unseen_chi2;
   BundleProblem problem;
   problem.cameras = {{Transform{}, true}, {T_0_1, false}};
   for (const CommonMarker& m : common) {
@@ -84,8 +85,9 @@ Motion refine(const std::vector<CommonMarker>& common, const Transform& T_0_1,
     for (int frame = 0; frame < 2; ++frame) {
       for (const Transform& T_c_m : m.solutions[frame].T_c_m) {
         const Transform T_0_m = frame == 0 ? T_c_m : T_0_1 * T_c_m;
-        const double error = reprojectionError(*m.seen[0], m.size_m, T_0_m) +
-                             reprojectionError(*m.seen[1], m.size_m, T_0_1.inverse() * T_0_m);
+        const double error =
+            reprojectionError(*m.seen[0], m.size_m, T_0_m, unseen) +
+            reprojectionError(*m.seen[1], m.size_m, T_0_1.inverse() * T_0_m, unseen);
         if (error >= least) continue;
         least = error;
         best = T_0_m;
@@ -97,18 +99,18 @@ Motion refine(const std::vector<CommonMarker>& common, const Transform& T_0_1,
     problem.observations.push_back({0, index, m.seen[0]});
     problem.observations.push_back({1, index, m.seen[1]});
   }
-  const BundleSummary summary = adjustBundle(&problem, options);
-  return {problem.cameras[1].T, std::min(summary.final_cost, kBehind)};
+  const BundleSummary summary = adjustBundle(&problem, options.refinement);
+  return {problem.cameras[1].T, std::min(summary.final_cost, unseen)};
 }
 
 // C^{1,0} of Eq. 15-16, the best by Eq. 17 first.
-std::vector<Motion> proposeMotions(const std::vector<CommonMarker>& common) {
+std::vector<Motion> proposeMotions(const std::vector<CommonMarker>& common, double unseen) {
   std::vector<Motion> motions;
   for (const CommonMarker& m : common) {
     for (const Transform& T_0_m : m.solutions[0].T_c_m) {
       for (const Transform& T_1_m : m.solutions[1].T_c_m) {
         const Transform T_0_1 = T_0_m * T_1_m.inverse();
-        motions.push_back({T_0_1, motionError(common, T_0_1)});
+        motions.push_back({T_0_1, motionError(common, T_0_1, unseen)});
       }
     }
   }
@@ -123,9 +125,7 @@ std::optional<Motion> otherMotion(const std::vector<CommonMarker>& common,
                                   const TwoFrameOptions& options) {
   return otherHypothesis(
       motions, best.T_0_1, options.other_rotation_rad,
-      [&](const Motion& rival) {
-        return std::optional(refine(common, rival.T_0_1, options.refinement));
-      },
+      [&](const Motion& rival) { return std::optional(refine(common, rival.T_0_1, options)); },
       [](const Motion& motion) { return motion.T_0_1; });
 }
 
@@ -168,8 +168,10 @@ std::string TwoFrameOptions::invalidReason() const {
            "the baseline of two frames must be positive"},
           {isPositive(worst_chi2_per_marker), "the chi-square of two frames must be positive"},
           {ambiguity_ratio >= 1.0, "ambiguity ratios must be at least 1"},
+          {isNotNegative(other_rotation_rad), "the turn to another pose must not be negative"},
       }),
       refinement.invalidReason(),
+      square.invalidReason(),
   });
 }
 
@@ -179,8 +181,8 @@ std::variant<TwoFrameStart, TwoFrameFailure> initializeFromTwoFrames(
   const std::vector<CommonMarker> common =
       commonMarkers(first, second, markers, focal_px, options.square);
   if (common.empty()) return TwoFrameFailure::kNoCommonMarker;
-  const std::vector<Motion> motions = proposeMotions(common);
-  const Motion best = refine(common, motions.front().T_0_1, options.refinement);
+  const std::vector<Motion> motions = proposeMotions(common, options.square.unseen_chi2);
+  const Motion best = refine(common, motions.front().T_0_1, options);
   const double baseline =
       std::max(options.min_baseline_m, options.min_baseline_per_depth * meanDepth(common));
   if (best.T_0_1.p.norm() < baseline) return TwoFrameFailure::kShortBaseline;

@@ -92,6 +92,7 @@ std::string KeyframeOptions::invalidReason() const {
        "keyframe distances must be positive"},
       {isNotNegative(min_baseline_per_depth), "keyframe distances must not be negative"},
       {views_per_marker >= 2, "views per marker must be at least 2"},
+      {isPositive(unknown_depth_m), "the distance of unknown markers must be positive"},
   });
 }
 

@@ -20,6 +20,9 @@ struct KeyframeOptions {
   double min_rotation_rad = 0.15;
   // N_c of Eq. 28: keyframes kept per marker.
   int views_per_marker = 12;
+  // How far away the markers are taken to be when the nearest keyframe is looked for and none in
+  // view has a pose, metres. It only weighs walking against turning: smaller counts walking more.
+  double unknown_depth_m = 1.0;
 
   // Empty when usable, else what is wrong.
   [[nodiscard]] std::string invalidReason() const;

@@ -262,12 +262,16 @@ std::optional<LoopRejection> rejectionOf(const Candidate& best,
 std::string LoopOptions::invalidReason() const {
   return firstReason({
       firstUnmet({
+          {isShare(min_joining_share), "the share of a loop's markers must be from 0 to 1"},
+          {frames_between_attempts >= 0, "the frames between loop closures must not be negative"},
+          {min_witnesses >= 1, "a marker that disagrees needs at least 1 witness"},
           {edges_per_keyframe >= 0, "the edges of a keyframe must not be negative"},
           {isNotNegative(max_growth) && isNotNegative(max_growth_share) &&
                isNotNegative(max_growth_of_model_errors),
            "the growth that a loop closure may cause must not be negative"},
           {isPositive(max_closing_error), "the error of a closing frame must be positive"},
           {ambiguity_ratio >= 1.0, "ambiguity ratios must be at least 1"},
+          {isNotNegative(other_rotation_rad), "the turn to another pose must not be negative"},
           {isNotNegative(ambiguity_floor), "the floor of a loop's ambiguity must not be negative"},
           {isNotNegative(cost_per_view), "the cost of a loop's view must not be negative"},
           {isPositive(frames_to_close), "the frames of a loop closure must be positive"},

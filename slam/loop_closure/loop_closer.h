@@ -16,6 +16,16 @@
 namespace waymark::slam {
 
 struct LoopOptions {
+  // A frame joins both ends of a loop as they are when more than this share of the loop's markers
+  // agree with its pose. Larger corrects more often where there is little to correct, smaller joins
+  // ends that do not belong together.
+  double min_joining_share = 0.5;
+  // Frames that see both ends of a loop after a closure was rejected until the next is begun: the
+  // same evidence gives the same answer, at the cost of a whole closure.
+  int frames_between_attempts = 10;
+  // Markers that must fit a frame's pose for the only one that closes a loop, rejected for that, to
+  // be held to disagree: as TrackerOptions::min_witnesses.
+  int min_witnesses = 2;
   // Beside the spanning tree of section 4.9.2, each keyframe keeps its strongest connections in the
   // pose graph, so that loops closed before stay closed.
   int edges_per_keyframe = 4;

@@ -13,10 +13,13 @@ LoopJunction LoopClosureManager::closeOrJoin(const Map& map, double residual_sig
                                              std::span<const MarkerDetection> fitting) {
   if (frame.loop.empty() || !local_.reference()) return {};
   const Transform& T_w_c = frame.solution.T_w_c;
-  const std::size_t count = frame.loop.size();
+  const auto areEnough = [&](const std::vector<int>& agreeing) {
+    return static_cast<double>(agreeing.size()) >
+           options_.min_joining_share * static_cast<double>(frame.loop.size());
+  };
   const std::vector<int> agreeing = fittingMarkers(frame.loop, T_w_c, residual_sigma);
-  const bool ends_agree = 2 * agreeing.size() > count;
-  if (2 * fittingMarkers(frame.loop, T_w_c, 1.0).size() > count) return join(agreeing, frame);
+  const bool ends_agree = areEnough(agreeing);
+  if (areEnough(fittingMarkers(frame.loop, T_w_c, 1.0))) return join(agreeing, frame);
   if (work_) {
     recordContradiction(frame);
     return {};
@@ -117,7 +120,7 @@ LoopJunction LoopClosureManager::join(const std::vector<int>& agreeing, const Tr
 // twice, more likely than they did. The screening hears of every frame, not only of the attempts.
 void LoopClosureManager::recordContradiction(const TrackedFrame& frame) {
   if (frame.loop.size() != 1 || frame.loop[0].detection->id != contradicting_marker_) return;
-  if (frame.solution.inliers < 2) return;
+  if (frame.solution.inliers < options_.min_witnesses) return;
   screening_->record(contradicting_marker_, false, frame.time.monotonic_ns);
 }
 
@@ -126,8 +129,7 @@ void LoopClosureManager::recordRejection(const Facts& facts, LoopRejection rejec
     misfits_rejected_ = true;
     return;
   }
-  constexpr int kFramesBetweenAttempts = 10;
-  frames_to_next_attempt_ = kFramesBetweenAttempts;
+  frames_to_next_attempt_ = options_.frames_between_attempts;
   if (facts.ends_agree) return;
   ++counters_->loops_refused;
   contradicting_marker_ = rejection == LoopRejection::kContradicted ? facts.only_marker : -1;

@@ -132,7 +132,7 @@ EdgeJacobians edgeJacobians(const Transform& T_w_a, const Transform& T_w_b, cons
 
 Task<PoseGraphSummary> optimizePoseGraph(PoseGraph* graph, const PoseGraphOptions& options,
                                          Budget* budget) {
-  constexpr double kHopeless = 1e8;
+  constexpr double kHopeless = 1e8;  // damping beyond which no step will help
   PoseGraphSummary summary;
   if (graph->poses.empty()) co_return summary;
   const double scale = options.radians_per_metre;

@@ -23,9 +23,12 @@ struct PoseGraph {
 };
 
 struct PoseGraphOptions {
+  // More spread the difference better and cost time; the optimization that follows does the rest.
   int max_iterations = 20;
+  // Stop when an iteration lowers the cost by less than this share of it.
   double min_relative_decrease = 1e-6;
-  // One metre of an edge's error counts as much as this many radians.
+  // One metre of an edge's error counts as much as this many radians. Larger bends the loop where
+  // it turned, smaller stretches it.
   double radians_per_metre = 0.5;
 
   // Empty when usable, else what is wrong.

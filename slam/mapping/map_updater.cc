@@ -41,11 +41,10 @@ bool MapUpdater::screenMarkers(const TrackedFrame& frame, Map* map) {
   return true;
 }
 
-// At least half of the budget is for what is larger than the neighbourhood of a keyframe, where
-// there is such a thing.
+// What local optimization leaves is for what is larger than the neighbourhood of a keyframe.
 void MapUpdater::work(double budget, const Map& map) {
   const bool local_only = loops_.idle() && rolling_shutter_->idle(map);
-  const double for_local = local_only ? budget : 0.5 * budget;
+  const double for_local = local_only ? budget : options_.mapper.work_share * budget;
   const double unspent = std::max(mapper_.work(for_local, map), 0.0);
   const double rest = budget - for_local + unspent;
   if (loops_.idle()) {

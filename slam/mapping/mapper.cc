@@ -6,8 +6,22 @@
 
 #include "slam/camera_pose/known_marker.h"
 #include "slam/optimization/map_fit.h"
+#include "slam/option_checks.h"
 
 namespace waymark::slam {
+
+std::string MapperOptions::invalidReason() const {
+  return firstReason({
+      keyframes.invalidReason(),
+      marker_pose.invalidReason(),
+      local_optimization.invalidReason(),
+      firstUnmet({
+          {isShare(work_share), "the share of local optimization must be from 0 to 1"},
+          {second_look_views >= 2, "a second look at a marker needs at least 2 views"},
+      }),
+  });
+}
+
 Transform Mapper::begin(const Start& start, Map* map, Counters* counters) {
   KeyframeId last = -1;
   for (const Keyframe& keyframe : start.keyframes) {
@@ -124,8 +138,8 @@ void Mapper::resolve(int marker_id, Map* map, Counters* counters) const {
   const MapMarker& marker = map->markers().at(marker_id);
   if (marker.T_w_m && !marker.other_T_w_m) return;  // decided
   const bool second_look = marker.T_w_m.has_value();
-  const MarkerResolution found =
-      resolution(marker.id, second_look ? 2 : options_.marker_pose.min_views, *map);
+  const MarkerResolution found = resolution(
+      marker.id, second_look ? options_.second_look_views : options_.marker_pose.min_views, *map);
   switch (found.verdict) {
     case ResolverVerdict::kTooFewViews:
     case ResolverVerdict::kUndecided:

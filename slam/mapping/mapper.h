@@ -4,6 +4,7 @@
 
 #include <optional>
 #include <span>
+#include <string>
 
 #include "base/task.h"
 #include "slam/counters.h"
@@ -19,7 +20,19 @@ namespace waymark::slam {
 struct MapperOptions {
   KeyframeOptions keyframes;
   MarkerResolverOptions marker_pose;
+  // After each keyframe. Few iterations do: the next keyframe's goes on from there.
   BundleOptions local_optimization{.max_iterations = 5, .min_relative_decrease = 1e-3};
+  // The share of a frame's work (Options::work_per_frame) that local optimization may take while a
+  // loop closure or the readout time wants to go on, too; what it leaves is theirs. Larger keeps
+  // the neighbourhood better, smaller closes loops sooner.
+  double work_share = 0.5;
+  // Keyframes that must have seen a marker before it is decided anew between its pose and the other
+  // one; marker_pose.min_views is for markers without a pose. Larger lives longer with a pose that
+  // one view has chosen, smaller than two cannot tell the two apart.
+  int second_look_views = 2;
+
+  // Empty when usable, else what is wrong.
+  [[nodiscard]] std::string invalidReason() const;
 };
 
 class Mapper {

@@ -32,8 +32,8 @@ class MapperTest : public ::testing::Test {
   }
 
   // A map begun from view 0.
-  std::unique_ptr<Mapper> begun(Map* map) {
-    auto mapper = std::make_unique<Mapper>(options_, camera_.focalLength(), MapperOptions{});
+  std::unique_ptr<Mapper> begun(Map* map, const MapperOptions& mapping = {}) {
+    auto mapper = std::make_unique<Mapper>(options_, camera_.focalLength(), mapping);
     Start start{{frame(0)}, {}};
     start.markers = initializeFromOneFrame(start.keyframes[0].detections, options_,
                                            camera_.focalLength(), 3.0, {});
@@ -198,6 +198,25 @@ TEST_F(MapperTest, AFlippedHypothesisIsMended) {
   EXPECT_LT(rotationDistance(map.find(5)->T_w_m->R, (T_v_w * truth(5)).R), 0.05);
   EXPECT_EQ(counters_.flipped_markers, 1U);
   expectTruth(map, T_v_w, 0.02);
+}
+
+TEST_F(MapperTest, ASecondLookWaitsForItsViews) {
+  for (const int needed : {2, 4}) {
+    Map map;
+    MapperOptions mapping;
+    mapping.second_look_views = needed;
+    const auto mapper = begun(&map, mapping);
+    const auto square =
+        estimateSquarePose(*map.keyframes().at(0).find(5), kSize, camera_.focalLength());
+    ASSERT_TRUE(square);
+    map.place(5, square->T_c_m[1], square->T_c_m[0]);
+    counters_ = {};
+    for (int i = 1; i < needed; ++i) {
+      EXPECT_EQ(counters_.flipped_markers, 0U) << "with " << i << " of " << needed << " views";
+      (void)update(mapper.get(), frame(i), true, &map);
+    }
+    EXPECT_EQ(counters_.flipped_markers, 1U) << "with " << needed << " views";
+  }
 }
 
 // It has been wrong before: one view, clear as it may be, does not convince.

@@ -9,6 +9,7 @@
 #include "slam/geometry/minimize_pose.h"
 #include "slam/geometry/reprojection.h"
 #include "slam/geometry/two_hypotheses.h"
+#include "slam/option_checks.h"
 
 namespace waymark::slam {
 namespace {
@@ -69,10 +70,10 @@ struct Candidate {
   double cost;
 };
 
-Candidate refine(const Candidate& candidate, std::span<const WhitenedView> views, double size_m) {
-  constexpr int kIterations = 8;
+Candidate refine(const Candidate& candidate, std::span<const WhitenedView> views, double size_m,
+                 int iterations) {
   const auto refined =
-      minimizePose(candidate.T_w_m, kIterations, [&](const Transform& T_w_m, PoseNormal* normal) {
+      minimizePose(candidate.T_w_m, iterations, [&](const Transform& T_w_m, PoseNormal* normal) {
         return linearize(T_w_m, views, size_m, normal);
       });
   return refined ? Candidate{refined->T, refined->normal.cost} : candidate;
@@ -117,6 +118,19 @@ double meanCornerVariance(std::span<const MarkerView> views) {
 
 }  // namespace
 
+std::string MarkerResolverOptions::invalidReason() const {
+  return firstReason({
+      firstUnmet({
+          {min_views >= 2, "a marker needs at least 2 views to be resolved"},
+          {ambiguity_ratio >= 1.0 && final_ratio >= 1.0, "ambiguity ratios must be at least 1"},
+          {isNotNegative(other_rotation_rad), "the turn to another pose must not be negative"},
+          {isPositive(max_chi2_per_view), "the chi-square of a view must be positive"},
+          {refinement_iterations >= 1, "a marker's pose needs at least 1 iteration"},
+      }),
+      square.invalidReason(),
+  });
+}
+
 MarkerResolution resolveMarkerPose(std::span<const MarkerView> views, double size_m,
                                    double focal_px, double residual_sigma,
                                    const MarkerResolverOptions& options) {
@@ -130,11 +144,14 @@ MarkerResolution resolveMarkerPose(std::span<const MarkerView> views, double siz
     return resolution;
   }
   // The best pose, and the best one that stays another pose after refinement.
-  const Candidate best = refine(candidates.front(), whitened, size_m);
+  const auto refined = [&](const Candidate& candidate) {
+    return refine(candidate, whitened, size_m, options.refinement_iterations);
+  };
+  const Candidate best = refined(candidates.front());
   resolution.T_w_m = best.T_w_m;
   const auto other = otherHypothesis(
       candidates, best.T_w_m, options.other_rotation_rad,
-      [&](const Candidate& rival) { return std::optional(refine(rival, whitened, size_m)); },
+      [&](const Candidate& rival) { return std::optional(refined(rival)); },
       [](const Candidate& candidate) { return candidate.T_w_m; });
   if (other) resolution.other_T_w_m = other->T_w_m;
   const double other_cost = other ? other->cost : std::numeric_limits<double>::infinity();

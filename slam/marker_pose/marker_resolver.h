@@ -3,6 +3,7 @@
 
 #include <optional>
 #include <span>
+#include <string>
 
 #include "slam/detection/marker_detection.h"
 #include "slam/geometry/transform.h"
@@ -26,7 +27,12 @@ struct MarkerResolverOptions {
   // the map's noise. Above it the views contradict each other: the marker moved between them, or
   // its size is wrong.
   double max_chi2_per_view = 200.0;
+  // Of a pose over all views, at most. More come nearer to the minimum and cost time.
+  int refinement_iterations = 8;
   SquarePoseOptions square;
+
+  // Empty when usable, else what is wrong.
+  [[nodiscard]] std::string invalidReason() const;
 };
 
 struct MarkerView {

@@ -10,6 +10,7 @@
 #include "slam/geometry/minimize_pose.h"
 #include "slam/geometry/reprojection.h"
 #include "slam/geometry/rotation.h"
+#include "slam/option_checks.h"
 
 namespace waymark::slam {
 namespace {
@@ -53,7 +54,7 @@ std::optional<std::array<Eigen::Matrix3d, 2>> ippeRotations(const Eigen::Matrix3
   Eigen::Matrix<double, 2, 3> P;
   P << 1.0, 0.0, -v.x(), 0.0, 1.0, -v.y();
   const Eigen::Matrix2d B = (P * R_v).leftCols<2>();
-  if (!(std::abs(B.determinant()) > 1e-12)) return std::nullopt;
+  if (!(std::abs(B.determinant()) > 1e-12)) return std::nullopt;  // at least 1 for any number
   const Eigen::Matrix2d A = B.inverse() * J;
 
   // Largest singular value of A is the inverse depth.
@@ -121,12 +122,21 @@ std::optional<std::array<Transform, 2>> ippePoses(const MarkerDetection& detecti
 
 // Where the second solution is no minimum of its own, refinement slides it into the first; the
 // unrefined one then stands for the alternative.
-bool areSame(const Transform& a, const Transform& b) {
-  constexpr double kSameRotation = 0.01;  // radians
-  return rotationDistance(a.R, b.R) < kSameRotation;
+bool areSame(const Transform& a, const Transform& b, const SquarePoseOptions& options) {
+  return rotationDistance(a.R, b.R) < options.same_rotation_rad;
 }
 
 }  // namespace
+
+std::string SquarePoseOptions::invalidReason() const {
+  return firstUnmet({
+      {isNotNegative(systematic_sigma_px), "the systematic error of a corner must not be negative"},
+      {isNotNegative(evidence_floor), "the floor of the evidence must not be negative"},
+      {refinement_iterations >= 1, "a square's pose needs at least 1 iteration"},
+      {isNotNegative(same_rotation_rad), "the turn of the same solution must not be negative"},
+      {isPositive(unseen_chi2), "the chi-square of an unseen marker must be positive"},
+  });
+}
 
 std::optional<SquarePose> estimateSquarePose(const MarkerDetection& detection, double size_m,
                                              double focal_px, const SquarePoseOptions& options) {
@@ -145,7 +155,7 @@ std::optional<SquarePose> estimateSquarePose(const MarkerDetection& detection, d
   SquarePose pose;
   pose.T_c_m = {refined[best].T, refined[other].T};
   pose.error = {refined[best].normal.cost, refined[other].normal.cost};
-  if (areSame(pose.T_c_m[0], pose.T_c_m[1])) {
+  if (areSame(pose.T_c_m[0], pose.T_c_m[1], options)) {
     pose.T_c_m[1] = (*starts)[other];
     pose.error[1] = std::max(pose.error[0], refined[other].start_cost);
   }
@@ -162,7 +172,7 @@ std::optional<Transform> otherSquarePose(const MarkerDetection& detection, doubl
   const Transform& start = rotationDistance(a.R, T_c_m.R) < rotationDistance(b.R, T_c_m.R) ? b : a;
   const auto refined = refine(start, markerCorners(size_m), detection,
                               whitening(detection.covariance), options.refinement_iterations);
-  return refined && !areSame(refined->T, T_c_m) ? refined->T : start;
+  return refined && !areSame(refined->T, T_c_m, options) ? refined->T : start;
 }
 
 }  // namespace waymark::slam

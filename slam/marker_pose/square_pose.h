@@ -3,6 +3,7 @@
 #pragma once
 
 #include <optional>
+#include <string>
 
 #include "slam/detection/marker_detection.h"
 #include "slam/geometry/transform.h"
@@ -17,7 +18,18 @@ struct SquarePoseOptions {
   // one of two good fits three times better than the other; at tau_e = 3 this asks for a difference
   // of at least twice the value, that is odds of e^5 for 5.
   double evidence_floor = 5.0;
+  // Of each solution, at most. More come nearer to the minimum and cost time.
   int refinement_iterations = 10;
+  // Solutions that end up turned by less than this against each other are one, radians: more than
+  // two ways into one minimum differ by, far less than two minima do.
+  double same_rotation_rad = 0.01;
+  // Chi-square of a marker that a pose puts behind the camera, and the most that anything counts
+  // for when the motions between two frames are compared: worse than any fit worth comparing, yet
+  // finite, so that sums over several markers still tell poses apart.
+  double unseen_chi2 = 1e6;
+
+  // Empty when usable, else what is wrong.
+  [[nodiscard]] std::string invalidReason() const;
 };
 
 // theta_m^t of Eq. 12: sorted, error[0] <= error[1].
@@ -48,6 +60,7 @@ struct SquarePose {
 [[nodiscard]] inline double comparisonFloor(double corner_variance, double focal_px, int views,
                                             const SquarePoseOptions& options) {
   const double systematic = options.systematic_sigma_px / focal_px;
+  // A view has two degrees of freedom: 8 residuals less 6 parameters.
   return options.evidence_floor + 2.0 * views * systematic * systematic / corner_variance;
 }
 

@@ -80,6 +80,19 @@ TEST_F(SquarePoseTest, BothSolutionsAreMinima) {
   }
 }
 
+// Where both end up in one minimum, the second as it was found stands for the alternative.
+TEST_F(SquarePoseTest, OneMinimumLeavesTheUnrefinedSolution) {
+  for (int i = 0; i < 20; ++i) {
+    const MarkerDetection detection = ambiguousMarker();
+    const auto two = estimateSquarePose(detection, kSize, camera_.focalLength());
+    const auto one = estimateSquarePose(detection, kSize, camera_.focalLength(),
+                                        {.same_rotation_rad = 4.0});  // whatever they are
+    ASSERT_TRUE(two && one);
+    EXPECT_EQ(one->error[0], two->error[0]);
+    EXPECT_GT(one->error[1], two->error[1]);
+  }
+}
+
 TEST_F(SquarePoseTest, BothSolutionsAreWhatCeresFinds) {
   for (int i = 0; i < 20; ++i) {
     const MarkerDetection detection = ambiguousMarker();

@@ -44,6 +44,7 @@ std::string BundleOptions::invalidReason() const {
       {isNotNegative(min_relative_decrease), "the least decrease of a cost must not be negative"},
       {isPositive(huber), "Huber's threshold must be positive"},
       {isNotNegative(view_chi2), "the chi-square of gross views must not be negative"},
+      {isShare(gate_after), "the iterations before the gate must be a share from 0 to 1"},
       {min_views >= 0, "the views that every pose keeps must not be negative"},
       {isShare(max_gated_share), "the share of gross views must be from 0 to 1"},
   });
@@ -56,8 +57,8 @@ Task<BundleSummary> BundleAdjuster::run(Budget* budget) {
     summary_.failed = true;
   }
   while (going_on && summary_.iterations < options_.max_iterations && lambda_ < kHopeless) {
-    const bool half_way = 2 * summary_.iterations >= options_.max_iterations;
-    if (half_way && !gate_passed_) {
+    const bool at_gate = summary_.iterations >= options_.gate_after * options_.max_iterations;
+    if (at_gate && !gate_passed_) {
       summary_.failed = !co_await gateViews(budget);
       if (summary_.failed) break;
     }

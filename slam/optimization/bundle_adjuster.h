@@ -19,6 +19,7 @@
 namespace waymark::slam {
 
 struct BundleOptions {
+  // More come nearer to the optimum and cost time.
   int max_iterations = 10;
   // Stop when an iteration lowers the cost by less than this share of it.
   double min_relative_decrease = 1e-4;
@@ -27,10 +28,14 @@ struct BundleOptions {
   // Take the noise from the residuals at the start (their median), where it exceeds what the
   // corners' covariances say; else from the covariances alone.
   bool estimate_residual_sigma = true;
-  // Views of a marker that fit worse than this in the middle of the adjustment take no part in the
-  // rest of it: chi-square of 8 residuals, in units of the noise; 26.1 is the 99.9 % quantile, but
+  // Views of a marker that fit worse than this at the gate take no part in the rest of the
+  // adjustment: chi-square of 8 residuals, in units of the noise; 26.1 is the 99.9 % quantile, but
   // lenses and bent paper have wider tails. 0 for no gate.
   double view_chi2 = 60.0;
+  // The gate comes after this share of max_iterations, or before, where the cost has converged.
+  // Earlier, good views are still far off with their poses; later, few iterations are left without
+  // the others.
+  double gate_after = 0.5;
   // Views that every pose keeps, however they fit: from one the pose is ambiguous.
   int min_views = 2;
   // When a larger share of the views would go, none does: so many are no outliers, the model is
@@ -47,7 +52,7 @@ struct BundleSummary {
   int iterations = 0;
   // Standard deviation of the whitened residuals at the start; 1 when it was not estimated.
   double residual_sigma = 1.0;
-  int gated_views = 0;  // left out in the second half
+  int gated_views = 0;  // left out after the gate
   // A step could not be computed (singular problem): the poses are the best found so far.
   bool failed = false;
 };
@@ -65,7 +70,7 @@ class BundleAdjuster {
   // The best poses found; after run().
   [[nodiscard]] const BundleProblem& problem() const { return problem_; }
   [[nodiscard]] const BundleSummary& summary() const { return summary_; }
-  // The observations that were left out in the second half, ascending.
+  // The observations that were left out after the gate, ascending.
   [[nodiscard]] const std::vector<std::size_t>& gatedViews() const { return gated_; }
   // Of a marker's (dp, dtheta), given the cameras: the inverse of its own block of the normal
   // equations, scaled by the noise. Zero for a marker nobody sees.
@@ -94,7 +99,7 @@ class BundleAdjuster {
   BundleStep step_;
   BundleOptions options_;
   BundleSummary summary_;
-  double lambda_ = 1e-5;
+  double lambda_ = 1e-5;  // damping; where it starts only sets the length of the first steps
   bool gate_passed_ = false;
   std::vector<std::size_t> gated_;
 };

@@ -198,6 +198,23 @@ TEST(BundleAdjuster, OutlierViewsTakeNoPart) {
   EXPECT_GT(furthest(0.0), 1e-4);
 }
 
+TEST(BundleAdjuster, TheGateComesWhenItIsTold) {
+  Scenario s(6, 0.05);
+  for (std::size_t i = 5; i < s.detections.size(); i += 17) {
+    for (auto& corner : s.detections[i].normalized) corner.x() += 10.0 / 520.0;  // 10 pixels
+  }
+  const auto gated = [&](double gate_after) {
+    BundleProblem problem = s.problem;
+    BundleOptions options = kToTheEnd;
+    options.max_iterations = 8;
+    options.min_relative_decrease = 0.0;
+    options.gate_after = gate_after;
+    return adjustBundle(&problem, options).gated_views;
+  };
+  EXPECT_GT(gated(0.5), 3);
+  EXPECT_EQ(gated(1.0), 0) << "neither converged nor half way";
+}
+
 // A wrong model is not made right by leaving out what contradicts it.
 TEST(BundleAdjuster, ManyOutlierViewsAreNotGated) {
   Scenario s(6, 0.05);

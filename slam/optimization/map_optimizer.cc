@@ -48,7 +48,7 @@ Matrix6d markerCovariance(const Map& map, int marker_id, const Transform& T_w_m,
     problem.cameras.push_back({keyframe.T_w_c, true});
     problem.observations.push_back({camera, 0, keyframe.find(marker_id)});
   }
-  constexpr double kNoKernel = 1e9;
+  constexpr double kNoKernel = 1e9;  // beyond any residual
   NormalEquations equations;
   const auto whitened = runToCompletion([&](Budget* a) { return whitenCorners(problem, a); });
   const bool seen = runToCompletion(

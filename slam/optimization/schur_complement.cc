@@ -17,7 +17,7 @@ constexpr double kViewPair = 0.05;
 Matrix6d damped(const Matrix6d& H, double lambda) {
   Matrix6d result = H;
   result.diagonal() *= 1.0 + lambda;
-  result.diagonal().array() += 1e-12;
+  result.diagonal().array() += 1e-12;  // positive definite also for a pose that nothing observes
   return result;
 }
 

@@ -5,18 +5,18 @@
 #include <vector>
 
 #include "slam/geometry/two_hypotheses.h"
+#include "slam/option_checks.h"
 
 namespace waymark::slam {
 namespace {
 
-// Squared errors are cut off per marker, so that one that moved cannot outvote the others.
-constexpr double kCutChi2 = 400.0;
-
-double truncatedCost(std::span<const KnownMarker> markers, const Transform& T_w_c) {
+// Squared errors are cut off per marker.
+double truncatedCost(std::span<const KnownMarker> markers, const Transform& T_w_c,
+                     double max_marker_chi2) {
   double cost = 0.0;
   for (const KnownMarker& marker : markers) {
     const auto chi2 = PoseOptimizer::markerChi2(marker, T_w_c);
-    cost += chi2 ? std::min(*chi2, kCutChi2) : kCutChi2;
+    cost += chi2 ? std::min(*chi2, max_marker_chi2) : max_marker_chi2;
   }
   return cost;
 }
@@ -37,7 +37,7 @@ std::vector<Hypothesis> proposePoses(std::span<const KnownMarker> markers, doubl
     if (markers.size() == 1 && !pose->unambiguous(options.ambiguity_ratio)) return {};
     for (const Transform& T_c_m : pose->T_c_m) {
       const Transform T_w_c = marker.T_w_m * T_c_m.inverse();
-      hypotheses.push_back({T_w_c, truncatedCost(markers, T_w_c)});
+      hypotheses.push_back({T_w_c, truncatedCost(markers, T_w_c, options.max_marker_chi2)});
     }
   }
   std::sort(hypotheses.begin(), hypotheses.end(),
@@ -50,16 +50,29 @@ bool isRivalled(const PoseSolution& solution, std::span<const KnownMarker> marke
                 const std::vector<Hypothesis>& hypotheses, const PoseOptimizer& optimizer,
                 const RelocalizerOptions& options) {
   const double floor = options.square.evidence_floor;
-  const double chosen = truncatedCost(markers, solution.T_w_c) + floor;
+  const double cut = options.max_marker_chi2;
+  const double chosen = truncatedCost(markers, solution.T_w_c, cut) + floor;
   const auto other = otherHypothesis(
       hypotheses, solution.T_w_c, options.other_rotation_rad,
       [&](const Hypothesis& rival) { return optimizer.optimize(markers, rival.T_w_c); },
       [](const auto& hypothesis) { return hypothesis.T_w_c; });
   if (!other) return false;
-  return truncatedCost(markers, other->T_w_c) + floor < options.ambiguity_ratio * chosen;
+  return truncatedCost(markers, other->T_w_c, cut) + floor < options.ambiguity_ratio * chosen;
 }
 
 }  // namespace
+
+std::string RelocalizerOptions::invalidReason() const {
+  return firstReason({
+      firstUnmet({
+          {ambiguity_ratio >= 1.0, "ambiguity ratios must be at least 1"},
+          {isNotNegative(other_rotation_rad), "the turn to another pose must not be negative"},
+          {isPositive(max_marker_chi2), "the largest chi-square of a marker must be positive"},
+          {isShare(min_inlier_share), "the share of markers that agree must be from 0 to 1"},
+      }),
+      square.invalidReason(),
+  });
+}
 
 std::optional<PoseSolution> relocalize(std::span<const KnownMarker> markers,
                                        const PoseOptimizer& optimizer, double focal_px,
@@ -68,8 +81,9 @@ std::optional<PoseSolution> relocalize(std::span<const KnownMarker> markers,
   if (hypotheses.empty()) return std::nullopt;
   auto solution = optimizer.optimize(markers, hypotheses.front().T_w_c);
   if (!solution) return std::nullopt;
-  // Most of what is seen has to agree.
-  if (2 * solution->inliers < static_cast<int>(markers.size())) return std::nullopt;
+  if (solution->inliers < options.min_inlier_share * static_cast<double>(markers.size())) {
+    return std::nullopt;
+  }
   if (markers.size() > 1 && isRivalled(*solution, markers, hypotheses, optimizer, options)) {
     return std::nullopt;
   }

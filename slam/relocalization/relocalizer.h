@@ -3,6 +3,7 @@
 
 #include <optional>
 #include <span>
+#include <string>
 
 #include "slam/camera_pose/pose_optimizer.h"
 #include "slam/marker_pose/square_pose.h"
@@ -16,7 +17,17 @@ struct RelocalizerOptions {
   // Anywhere else: turned by this much, radians. Without a prior even the right pose is refined
   // from poor starts that end a little apart; a planar marker's two solutions differ by far more.
   double other_rotation_rad = 0.1;
+  // A marker's chi-square counts up to here when poses are compared, so that one that moved cannot
+  // outvote the others: some 15 times the 99.9 % quantile of 8 residuals, as the poses compared are
+  // not refined yet. Smaller cannot tell poor poses from bad ones.
+  double max_marker_chi2 = 400.0;
+  // At least this share of what is seen has to agree. Larger does without a pose where several
+  // markers moved, smaller believes a minority.
+  double min_inlier_share = 0.5;
   SquarePoseOptions square;
+
+  // Empty when usable, else what is wrong.
+  [[nodiscard]] std::string invalidReason() const;
 };
 
 // Eq. 34: every marker's two solutions propose a camera pose; the one that explains all markers

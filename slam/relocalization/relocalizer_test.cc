@@ -49,6 +49,38 @@ TEST_F(RelocalizerTest, TakesOneUnambiguousMarker) {
   EXPECT_LT((found->T_w_c.p - near.p).norm(), 0.02);
 }
 
+TEST_F(RelocalizerTest, EnoughOfWhatIsSeenHasToAgree) {
+  auto detections = testing::observeAll(camera_, truth_, markers_, kSize, 0.05, &rng_);
+  ASSERT_GE(detections.size(), 4U);
+  markers_[static_cast<std::size_t>(detections[1].id)].T_w_m.p.x() += 0.05;
+  const auto found = relocalize(known(detections), optimizer_, camera_.focalLength());
+  ASSERT_TRUE(found);
+  EXPECT_FALSE(found->inlier[1]);
+  RelocalizerOptions all;
+  all.min_inlier_share = 1.0;
+  EXPECT_FALSE(relocalize(known(detections), optimizer_, camera_.focalLength(), all));
+}
+
+// Two good markers are enough, unless their errors are cut off before they can tell a pose from its
+// rival.
+TEST_F(RelocalizerTest, ACutThatIsTooLowLeavesRivals) {
+  RelocalizerOptions low;
+  low.max_marker_chi2 = 0.1;
+  int found = 0;
+  int found_with_low = 0;
+  for (int i = 0; i < 20; ++i) {
+    markers_ = testing::markerWall(2, 3, 0.6, &rng_);
+    auto detections = testing::observeAll(camera_, truth_, markers_, kSize, 0.05, &rng_);
+    ASSERT_GE(detections.size(), 2U);
+    detections.resize(2);
+    const auto two = known(detections);
+    if (relocalize(two, optimizer_, camera_.focalLength())) ++found;
+    if (relocalize(two, optimizer_, camera_.focalLength(), low)) ++found_with_low;
+  }
+  EXPECT_EQ(found, 20);
+  EXPECT_LT(found_with_low, 18);
+}
+
 TEST_F(RelocalizerTest, RejectsAMapThatDoesNotFit) {
   auto detections = testing::observeAll(camera_, truth_, markers_, kSize, 0.05, &rng_);
   ASSERT_GE(detections.size(), 4U);

@@ -89,8 +89,8 @@ std::optional<TrackedPose> FrameTracker::trackSingle(const KnownMarker& marker,
   auto solution = tracker_.optimizer().optimize({&marker, 1}, start);
   if (!solution || !tracker_.optimizer().acceptable(*solution)) return std::nullopt;
   TrackedPose tracked;
-  const bool goes_on =
-      prediction && rotationDistance(solution->T_w_c.R, prediction->T_w_c.R) < other_rotation_rad_;
+  const bool goes_on = prediction && rotationDistance(solution->T_w_c.R, prediction->T_w_c.R) <
+                                         options_.relocalization.other_rotation_rad;
   tracked.method = goes_on ? TrackingMethod::kPredicted : TrackingMethod::kRelocalized;
   tracked.prediction_rejected = prediction && !goes_on;
   tracked.solution = std::move(*solution);
@@ -104,10 +104,12 @@ PoseEstimate FrameTracker::estimateOf(const TrackedFrame& frame) const {
   estimate.covariance += cover;
   estimate.view_covariance += cover;
   if (isCertain(frame)) {
-    estimate.ambiguity_ratio = std::max(estimate.ambiguity_ratio, min_ratio_);
+    estimate.ambiguity_ratio =
+        std::max(estimate.ambiguity_ratio, options_.relocalization.ambiguity_ratio);
   } else {
-    const double share = frame.single->log_odds / options_.min_log_odds;
-    estimate.ambiguity_ratio = std::min(estimate.ambiguity_ratio, 1.0 + share * (min_ratio_ - 1.0));
+    const double share = frame.single->log_odds / options_.single_marker.min_log_odds;
+    estimate.ambiguity_ratio = std::min(
+        estimate.ambiguity_ratio, 1.0 + share * (options_.relocalization.ambiguity_ratio - 1.0));
   }
   return estimate;
 }
@@ -130,7 +132,7 @@ FittedMarkers FrameTracker::fit(const Map& map, const FrameMarkers& markers,
   for (const MarkerDetection& detection : markers.detections) {
     if (map.findPosed(detection.id) == nullptr) fitting_.push_back(detection);
   }
-  const bool others_agree = frame.solution.inliers >= 2;
+  const bool others_agree = frame.solution.inliers >= options_.min_witnesses;
   for (std::size_t i = 0; i < frame.eligible.size(); ++i) {
     const KnownMarker& known = frame.eligible[i];
     if (frame.solution.inlier[i]) {

@@ -91,9 +91,7 @@ class FrameTracker {
       : camera_(camera),
         rolling_shutter_(rolling_shutter),
         tracker_(camera.focalLength(), options),
-        options_(options.single_marker),
-        other_rotation_rad_(options.relocalization.other_rotation_rad),
-        min_ratio_(options.relocalization.ambiguity_ratio),
+        options_(options),
         judge_(camera.focalLength(), options.single_marker, options.relocalization.square) {}
 
   // Where the camera is expected; empty without a recent pose.
@@ -134,9 +132,7 @@ class FrameTracker {
   const CameraModel& camera_;
   const RollingShutterEstimator& rolling_shutter_;
   Tracker tracker_;
-  SingleMarkerOptions options_;
-  double other_rotation_rad_;
-  double min_ratio_;  // from which a pose counts as unambiguous
+  TrackerOptions options_;
   SingleMarkerJudge judge_;
   bool certain_ = false;  // of the last pose
   // What the values above refer to; reused from frame to frame.

@@ -16,9 +16,11 @@ void LocalMarkers::split(std::span<const KnownMarker> known, SplitMarkers* marke
 }
 
 void LocalMarkers::update(const Map& map, std::span<const MarkerDetection> fitting,
-                          const Transform& T_w_c, double depth_m, const KeyframeOptions& options) {
+                          const Transform& T_w_c, const std::optional<double>& depth_m,
+                          const KeyframeOptions& options) {
   if (map.keyframes().empty()) return;
-  const auto reference = referenceKeyframe(map, fitting, T_w_c, depth_m, options);
+  const auto reference =
+      referenceKeyframe(map, fitting, T_w_c, depth_m.value_or(options.unknown_depth_m), options);
   const KeyframeId newest = map.keyframes().rbegin()->first;
   if (reference && reference == reference_ && newest == newest_) return;
   reference_ = reference;

@@ -24,9 +24,9 @@ class LocalMarkers {
   void split(std::span<const KnownMarker> known, SplitMarkers* markers) const;
 
   // Chooses the reference keyframe f^omega for the next frame, from this one's pose and the
-  // detections that fit it (Eq. 21).
+  // detections that fit it (Eq. 21). depth_m: of their markers; empty where none has a pose.
   void update(const Map& map, std::span<const MarkerDetection> fitting, const Transform& T_w_c,
-              double depth_m, const KeyframeOptions& options);
+              const std::optional<double>& depth_m, const KeyframeOptions& options);
   // The map changed otherwise, or tracking was lost.
   void reset() { reference_.reset(); }
   [[nodiscard]] std::optional<KeyframeId> reference() const { return reference_; }

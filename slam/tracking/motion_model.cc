@@ -1,5 +1,7 @@
 #include "slam/tracking/motion_model.h"
 
+#include "slam/option_checks.h"
+
 namespace waymark::slam {
 namespace {
 
@@ -12,6 +14,17 @@ Matrix6d isotropic(double sigma_m, double sigma_rad) {
 }
 
 }  // namespace
+
+std::string MotionModelOptions::invalidReason() const {
+  return firstUnmet({
+      {isNotNegative(max_extrapolation_s) && isNotNegative(max_age_s),
+       "the gaps that a motion outlasts must not be negative"},
+      {isNotNegative(acceleration_sigma) && isNotNegative(angular_acceleration_sigma),
+       "the sigmas of accelerations must not be negative"},
+      {isNotNegative(velocity_sigma) && isNotNegative(angular_velocity_sigma),
+       "the sigmas of velocities must not be negative"},
+  });
+}
 
 void MotionModel::update(const Transform& T_w_c, const Matrix6d& covariance, std::int64_t time_ns) {
   const auto twist = twistTo(T_w_c, time_ns);

@@ -4,6 +4,7 @@
 
 #include <cstdint>
 #include <optional>
+#include <string>
 
 #include "slam/geometry/transform.h"
 #include "slam/tracking/prediction.h"
@@ -22,6 +23,9 @@ struct MotionModelOptions {
   // ... and of its velocities, where the last pose alone is what is known, m/s and rad/s.
   double velocity_sigma = 1.0;
   double angular_velocity_sigma = 2.0;
+
+  // Empty when usable, else what is wrong.
+  [[nodiscard]] std::string invalidReason() const;
 };
 
 class MotionModel {

@@ -5,6 +5,7 @@
 #include <utility>
 
 #include "slam/geometry/plane.h"
+#include "slam/option_checks.h"
 
 namespace waymark::slam {
 namespace {
@@ -19,6 +20,21 @@ double innovation(const Transform& T_w_c, const Transform& predicted, double dep
 }
 
 }  // namespace
+
+std::string TrackerOptions::invalidReason() const {
+  return firstReason({
+      pose.invalidReason(),
+      motion.invalidReason(),
+      relocalization.invalidReason(),
+      single_marker.invalidReason(),
+      firstUnmet({
+          {isNotNegative(max_innovation_per_rms),
+           "the innovation of a believed marker must not be negative"},
+          {min_witnesses >= 1, "a marker that disagrees needs at least 1 witness"},
+          {isNotNegative(ambiguity_floor), "the floor of a pose's ambiguity must not be negative"},
+      }),
+  });
+}
 
 Tracker::Tracker(double focal_px, const TrackerOptions& options)
     : focal_px_(focal_px),
@@ -59,8 +75,7 @@ PoseEstimate Tracker::estimateOf(const PoseSolution& solution, std::span<const K
   estimate.source = PoseSource::kMarkers;
   estimate.markers_used = solution.inliers;
   estimate.reprojection_rms_px = solution.rms_px;
-  estimate.ambiguity_ratio =
-      poseAmbiguity(solution, markers, focal_px_, options_.relocalization.square);
+  estimate.ambiguity_ratio = poseAmbiguity(solution, markers, focal_px_, options_);
   return estimate;
 }
 
@@ -77,7 +92,7 @@ std::optional<PoseSolution> Tracker::fromPrediction(std::span<const KnownMarker>
   if (markers.size() != 2) return std::nullopt;
   // Two markers that contradict each other: the one that goes on as the camera moved is believed.
   std::optional<PoseSolution> believed;
-  double least = 0.5 * options_.pose.max_rms_px / focal_px_;  // radians
+  double least = options_.max_innovation_per_rms * options_.pose.max_rms_px / focal_px_;  // radians
   for (std::size_t i = 0; i < 2; ++i) {
     auto alone = optimizer_.optimize(markers.subspan(i, 1), predicted);
     if (!alone || !optimizer_.acceptable(*alone)) continue;
@@ -92,7 +107,8 @@ std::optional<PoseSolution> Tracker::fromPrediction(std::span<const KnownMarker>
 }
 
 double poseAmbiguity(const PoseSolution& solution, std::span<const KnownMarker> markers,
-                     double focal_px, const SquarePoseOptions& square) {
+                     double focal_px, const TrackerOptions& options) {
+  const SquarePoseOptions& square = options.relocalization.square;
   const auto largest = std::max_element(markers.begin(), markers.end(),
                                         [](const KnownMarker& a, const KnownMarker& b) {
                                           return imageArea(*a.detection) < imageArea(*b.detection);
@@ -108,10 +124,9 @@ double poseAmbiguity(const PoseSolution& solution, std::span<const KnownMarker> 
   double cost = 0.0;
   for (std::size_t i = 0; i < markers.size(); ++i) {
     if (!solution.inlier[i]) continue;
-    constexpr double kBehind = 1e6;  // chi-square of a marker the other pose cannot even see
-    cost += PoseOptimizer::markerChi2(markers[i], T_w_c).value_or(kBehind);
+    cost += PoseOptimizer::markerChi2(markers[i], T_w_c).value_or(square.unseen_chi2);
   }
-  return (cost + 1.0) / (solution.chi2 + 1.0);
+  return (cost + options.ambiguity_floor) / (solution.chi2 + options.ambiguity_floor);
 }
 
 }  // namespace waymark::slam

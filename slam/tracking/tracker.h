@@ -5,6 +5,7 @@
 #include <cstdint>
 #include <optional>
 #include <span>
+#include <string>
 
 #include "slam/camera_pose/known_marker.h"
 #include "slam/camera_pose/pose_optimizer.h"
@@ -20,6 +21,20 @@ struct TrackerOptions {
   MotionModelOptions motion;
   RelocalizerOptions relocalization;
   SingleMarkerOptions single_marker;
+  // Of two markers that contradict each other, one is believed whose own pose is nearer to the
+  // predicted one than this share of what residuals a pose may have (pose.max_rms_px), as an angle
+  // in the image. Smaller loses the pose in jerks, larger may believe the one that moved.
+  double max_innovation_per_rms = 0.5;
+  // Markers that must fit a pose before one that does not is held to disagree: with a single one
+  // nobody knows which of the two is wrong. More notices a moved marker only where many are in
+  // view.
+  int min_witnesses = 2;
+  // Added to both chi-squares before they make the ambiguity that is told of a pose: exact corners
+  // are no certainty beyond measure.
+  double ambiguity_floor = 1.0;
+
+  // Empty when usable, else what is wrong.
+  [[nodiscard]] std::string invalidReason() const;
 };
 
 enum class TrackingMethod { kPredicted, kRelocalized };
@@ -83,6 +98,6 @@ class Tracker {
 // unambiguous, 1 is a coin toss. Precondition: one flag per marker, at least one of them set.
 [[nodiscard]] double poseAmbiguity(const PoseSolution& solution,
                                    std::span<const KnownMarker> markers, double focal_px,
-                                   const SquarePoseOptions& square);
+                                   const TrackerOptions& options);
 
 }  // namespace waymark::slam

@@ -109,6 +109,15 @@ TEST_F(TrackerTest, OfTwoThatContradictTheOneThatGoesOnIsBelieved) {
   }
 }
 
+TEST_F(TrackerTest, OfTwoThatContradictNeitherIsBelievedFarFromThePrediction) {
+  in_map_[0].T_w_m.p += Eigen::Vector3d(0.1, 0.1, 0.15);
+  TrackerOptions options;
+  options.max_innovation_per_rms = 0.0;
+  Tracker tracker(camera_.focalLength(), options);
+  for (int i = 0; i < 5; ++i) tracker.commit(poseAt(i), Matrix6d::Zero(), i * kFramePeriodNs);
+  EXPECT_FALSE(tracker.track(known(5, {0, 1}), tracker.predict(5 * kFramePeriodNs)));
+}
+
 // Nobody knows which one to believe: neither goes on, or there is nothing to go on from.
 TEST_F(TrackerTest, TwoThatContradictGiveNoPoseOtherwise) {
   in_map_[0].T_w_m.p += Eigen::Vector3d(0.1, 0.1, 0.15);
@@ -137,20 +146,24 @@ TEST_F(TrackerTest, NoMarkersNoPose) {
 
 // One small frontal marker is a coin toss; beside others in another plane it is not.
 TEST_F(TrackerTest, AmbiguityTellsACoinTossFromCertainty) {
-  const auto ambiguityOf = [&](const std::vector<KnownMarker>& markers) {
+  const auto ambiguityOf = [&](const std::vector<KnownMarker>& markers,
+                               const TrackerOptions& options = {}) {
     PoseSolution solution;
     solution.T_w_c = poseAt(0);
     solution.inlier.assign(markers.size(), true);
     for (const auto& m : markers) {
       solution.chi2 += PoseOptimizer::markerChi2(m, poseAt(0)).value();
     }
-    return poseAmbiguity(solution, markers, camera_.focalLength(), {});
+    return poseAmbiguity(solution, markers, camera_.focalLength(), options);
   };
   in_map_ = markers_ = {{0, testing::markerFacing({0.0, 8.0, 0.2}, {0.0, 1.5, 0.2})}};
   EXPECT_LT(ambiguityOf(known(0, {0}, 0.3)), 3.0);
   in_map_ = markers_ = {{0, testing::markerFacing({-0.4, 3.0, 0.1}, {-1.6, 1.5, 0.3})},
                         {1, testing::markerFacing({0.4, 3.0, 0.1}, {1.6, 1.5, -0.2})}};
   EXPECT_GT(ambiguityOf(known(0, {0, 1})), 100.0);
+  TrackerOptions options;
+  options.ambiguity_floor = 1e12;
+  EXPECT_LT(ambiguityOf(known(0, {0, 1}), options), 1.1);
 }
 
 }  // namespace
