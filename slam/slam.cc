@@ -7,6 +7,7 @@
 #include "slam/camera/rolling_shutter_estimator.h"
 #include "slam/covariance/map_covariance.h"
 #include "slam/detection/search/marker_follower.h"
+#include "slam/geometry/twist.h"
 #include "slam/initialization/initializer.h"
 #include "slam/mapping/map_updater.h"
 #include "slam/marker_screening/marker_screening.h"

@@ -12,11 +12,9 @@
 #include "slam/detection/marker_detection.h"
 #include "slam/geometry/camera_model.h"
 #include "slam/geometry/transform.h"
+#include "slam/geometry/twist.h"
 
 namespace waymark::slam {
-
-// Velocity of the camera in its own frame: metres per second, then radians per second.
-using Twist = Vector6d;
 
 // How fast the image of a point in the camera frame moves, in normalized coordinates per second.
 // Precondition: p_c.z() > 0.

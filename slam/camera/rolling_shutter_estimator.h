@@ -9,6 +9,7 @@
 #include "slam/camera/readout_estimate.h"
 #include "slam/camera/rolling_shutter.h"
 #include "slam/geometry/camera_model.h"
+#include "slam/geometry/twist.h"
 #include "slam/map/map.h"
 #include "slam/map/marker_options.h"
 #include "slam/optimization/subproblem.h"

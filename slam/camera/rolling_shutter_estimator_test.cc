@@ -7,6 +7,7 @@
 
 #include <gtest/gtest.h>
 
+#include "slam/geometry/twist.h"
 #include "slam/testing/rolling_views.h"
 
 namespace waymark::slam {

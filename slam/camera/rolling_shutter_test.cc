@@ -6,6 +6,7 @@
 
 #include "slam/camera/readout_estimate.h"
 #include "slam/camera/undistort_map.h"
+#include "slam/geometry/twist.h"
 #include "slam/map/map.h"
 #include "slam/optimization/map_optimizer.h"
 #include "slam/testing/rolling_views.h"

@@ -180,13 +180,8 @@ Task<BundleProblem> correctedProblem(const Before& before, const LoopFrame& loop
   for (std::size_t i = 0; i < corrected.cameras.size(); ++i) {
     corrected.cameras[i].T = graph.poses[i];
   }
-  for (std::size_t m = 0; m < corrected.markers.size(); ++m) {
-    const std::vector<int>& cameras = before.by_marker[m];
-    co_await budget->spend(kCorrectView * static_cast<double>(cameras.size()));
-    if (cameras.empty()) continue;
-    Transform& T_w_m = corrected.markers[m].T;
-    T_w_m = correctedMarker(T_w_m, cameras, part.problem.cameras, graph.poses);
-  }
+  (void)co_await correctMarkers(before.by_marker, part.problem.cameras, graph.poses,
+                                &corrected.markers, budget);
   corrected.cameras.push_back({graph.poses.back(), false});
   for (const MarkerDetection& detection : loop.frame.detections) {
     const int marker = part.markerIndex(detection.id);
@@ -329,6 +324,20 @@ std::optional<KeyframeId> adopt(const ClosedLoop& loop, Map* map) {
   std::erase_if(closing.detections,
                 [&](const MarkerDetection& d) { return map->find(d.id) == nullptr; });
   return map->addKeyframe(std::move(closing));
+}
+
+Task<Done> correctMarkers(const std::vector<std::vector<int>>& by_marker,
+                          const std::vector<BundleProblem::Pose>& before,
+                          const std::vector<Transform>& after,
+                          std::vector<BundleProblem::Pose>* markers, Budget* budget) {
+  for (std::size_t m = 0; m < markers->size(); ++m) {
+    const std::vector<int>& cameras = by_marker[m];
+    co_await budget->spend(kCorrectView * static_cast<double>(cameras.size()));
+    if (cameras.empty()) continue;
+    Transform& T_w_m = (*markers)[m].T;
+    T_w_m = correctedMarker(T_w_m, cameras, before, after);
+  }
+  co_return Done{};
 }
 
 Task<PoseGraph> covisibilityGraph(const BundleProblem& problem, int edges_per_keyframe,

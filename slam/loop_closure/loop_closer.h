@@ -95,6 +95,13 @@ Task<LoopOutcome> closeLoop(const Map& map, LoopFrame loop, const MarkerOptions&
 // others by now.
 [[nodiscard]] std::optional<KeyframeId> adopt(const ClosedLoop& loop, Map* map);
 
+// Eq. 40 for every marker: it moves as the cameras that see it, named by marker, moved from
+// `before` to `after`.
+Task<Done> correctMarkers(const std::vector<std::vector<int>>& by_marker,
+                          const std::vector<BundleProblem::Pose>& before,
+                          const std::vector<Transform>& after,
+                          std::vector<BundleProblem::Pose>* markers, Budget* budget);
+
 // The spanning tree of section 4.9.2 (Kruskal, the strongest connections first) and each camera's
 // strongest edges, as the problem's poses have them.
 Task<PoseGraph> covisibilityGraph(const BundleProblem& problem, int edges_per_keyframe,

@@ -30,24 +30,6 @@ class LoopCloserTest : public ::testing::Test {
     return testing::trueMap(camera_, views_, markers_, kSize, sigma_px, &rng_);
   }
 
-  // Bends the map progressively along the keyframes, by `bend` at the last one; the first one
-  // stays.
-  static void bend(const Vector6d& whole_bend, Map* map) {
-    const double last = static_cast<double>(map->keyframes().rbegin()->first);
-    const auto bendAt = [&](double share) { return Transform{}.retract(share * whole_bend); };
-    for (const auto& [id, marker] : map->markers()) {
-      double share = 0.0;
-      const auto seen_by = map->viewsOf(id);
-      for (const KeyframeId view : seen_by) {
-        share += static_cast<double>(view) / last / static_cast<double>(seen_by.size());
-      }
-      map->place(id, bendAt(share) * *marker.T_w_m, marker.other_T_w_m, marker.covariance);
-    }
-    for (const auto& [id, keyframe] : map->keyframes()) {
-      map->setKeyframePose(id, bendAt(static_cast<double>(id) / last) * keyframe.T_w_c);
-    }
-  }
-
   // What a view shows: as tracked by the markers of the last keyframes, and where the others
   // ("loop markers": seen by none of the last three keyframes) say that it is.
   LoopFrame loopFrame(const Map& map, const std::vector<MarkerDetection>& detections) {
@@ -134,7 +116,7 @@ class LoopCloserTest : public ::testing::Test {
 
 TEST_F(LoopCloserTest, TakesTheDriftOutOfABentMap) {
   Map map = openMap(24, 0.05);
-  bend(drift_, &map);
+  testing::bend(drift_, &map);
   const Map before = map;
   ASSERT_GT(keyframeError(map), 0.2);
   const LoopFrame loop = loopFrame(map, see(testing::roomView(345.0 * kDegree), 0.05));
@@ -156,7 +138,7 @@ TEST_F(LoopCloserTest, TakesTheDriftOutOfABentMap) {
 // While the loop is being closed, the map goes on growing at its drifted end.
 TEST_F(LoopCloserTest, WhatCameMeanwhileMovesWithTheClosingFrame) {
   Map map = openMap(24, 0.05);
-  bend(drift_, &map);
+  testing::bend(drift_, &map);
   const LoopFrame loop = loopFrame(map, see(testing::roomView(345.0 * kDegree), 0.05));
   for (const MarkerDetection& seen : Keyframe(map.keyframes().at(8)).detections) {
     const KeyframeId old[] = {8};
@@ -290,7 +272,7 @@ TEST_F(LoopCloserTest, RejectsWhatSaysNothing) {
 
 TEST_F(LoopCloserTest, EmptyKeyframesAndSecondHypotheses) {
   Map map = openMap(24, 0.05);
-  bend(drift_, &map);
+  testing::bend(drift_, &map);
   (void)map.addKeyframe({-1, 0, 0, map.keyframes().at(33).T_w_c, {}});
   const Transform flip{expSo3({0.4, 0.2, 0.0}), Eigen::Vector3d::Zero()};
   map.place(12, *map.find(12)->T_w_m, *map.find(12)->T_w_m * flip);

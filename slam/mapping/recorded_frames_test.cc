@@ -9,6 +9,7 @@
 
 #include <gtest/gtest.h>
 
+#include "slam/geometry/twist.h"
 #include "slam/testing/rolling_views.h"
 #include "slam/testing/scene.h"
 

@@ -15,18 +15,6 @@ constexpr double kHopeless = 1e10;  // damping beyond which no step will help
 
 constexpr double kMovePose = 0.15;  // microseconds of a core of 3 GHz
 
-// Fixed poses stay bit-identical.
-Task<Done> movePoses(const std::vector<BundleProblem::Pose>& from,
-                     const std::vector<Vector6d>& step, std::vector<BundleProblem::Pose>* to,
-                     Budget* budget) {
-  for (std::size_t i = 0; i < from.size(); ++i) {
-    if (from[i].fixed) continue;
-    co_await budget->spend(kMovePose);
-    (*to)[i].T = from[i].T.retract(step[i]);
-  }
-  co_return Done{};
-}
-
 // False when the step leaves what a lens can be.
 bool moveLens(const BundleProblem::Lens& from, const IntrinsicVector& step,
               BundleProblem::Lens* to) {
@@ -183,6 +171,17 @@ Task<std::optional<double>> BundleAdjuster::readoutSigma_s(Budget* budget) {
   const auto variance = solved ? schur_.readoutVariance(problem_) : std::nullopt;
   if (!variance || !(*variance > 0.0)) co_return std::nullopt;
   co_return summary_.residual_sigma* std::sqrt(*variance);
+}
+
+Task<Done> movePoses(const std::vector<BundleProblem::Pose>& from,
+                     const std::vector<Vector6d>& step, std::vector<BundleProblem::Pose>* to,
+                     Budget* budget) {
+  for (std::size_t i = 0; i < from.size(); ++i) {
+    if (from[i].fixed) continue;
+    co_await budget->spend(kMovePose);
+    (*to)[i].T = from[i].T.retract(step[i]);
+  }
+  co_return Done{};
 }
 
 BundleSummary adjustBundle(BundleProblem* problem, const BundleOptions& options) {

@@ -104,6 +104,11 @@ class BundleAdjuster {
   std::vector<std::size_t> gated_;
 };
 
+// A step of every pose; fixed ones stay bit-identical.
+Task<Done> movePoses(const std::vector<BundleProblem::Pose>& from,
+                     const std::vector<Vector6d>& step, std::vector<BundleProblem::Pose>* to,
+                     Budget* budget);
+
 // All at once; improves the problem in place.
 BundleSummary adjustBundle(BundleProblem* problem, const BundleOptions& options = {});
 

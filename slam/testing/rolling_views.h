@@ -5,6 +5,7 @@
 #include <random>
 
 #include "slam/camera/rolling_shutter.h"
+#include "slam/geometry/twist.h"
 #include "slam/testing/synthetic.h"
 
 namespace waymark::slam::testing {

@@ -100,4 +100,22 @@ inline Map trueMap(const CameraModel& camera, std::span<const Transform> views,
   return map;
 }
 
+// Bends a map progressively along the keyframes, by `whole_bend` at the last one; the first one
+// stays. That is how it looks before a loop is closed.
+inline void bend(const Vector6d& whole_bend, Map* map) {
+  const double last = static_cast<double>(map->keyframes().rbegin()->first);
+  const auto bendAt = [&](double share) { return Transform{}.retract(share * whole_bend); };
+  for (const auto& [id, marker] : map->markers()) {
+    double share = 0.0;
+    const auto seen_by = map->viewsOf(id);
+    for (const KeyframeId view : seen_by) {
+      share += static_cast<double>(view) / last / static_cast<double>(seen_by.size());
+    }
+    map->place(id, bendAt(share) * *marker.T_w_m, marker.other_T_w_m, marker.covariance);
+  }
+  for (const auto& [id, keyframe] : map->keyframes()) {
+    map->setKeyframePose(id, bendAt(static_cast<double>(id) / last) * keyframe.T_w_c);
+  }
+}
+
 }  // namespace waymark::slam::testing

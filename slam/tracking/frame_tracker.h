@@ -10,6 +10,7 @@
 #include "slam/camera/rolling_shutter_estimator.h"
 #include "slam/frame_time.h"
 #include "slam/geometry/camera_model.h"
+#include "slam/geometry/twist.h"
 #include "slam/map/map.h"
 #include "slam/no_pose_reason.h"
 #include "slam/pose_estimate.h"
