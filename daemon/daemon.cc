@@ -87,6 +87,7 @@ void Daemon::wireCounters() {
   add(parts_.recorder.get());
   publisher_.addCounters([this](const CounterSink& sink) {
     sink("realtime.refused", rejections_.load(std::memory_order_relaxed));
+    sink("log.lost_lines", log_.lost());
   });
 }
 
@@ -98,7 +99,10 @@ std::optional<Daemon::Failure> Daemon::run() {
   stop_.wait();
   service_.stopping();
   // Opening a source cannot be interrupted, and nothing has begun that would need an end.
-  if (camera_status_.firstOpening()) std::_Exit(EXIT_SUCCESS);
+  if (camera_status_.firstOpening()) {
+    log_.drain();
+    std::_Exit(EXIT_SUCCESS);
+  }
   return stopThreads();
 }
 

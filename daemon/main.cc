@@ -1,5 +1,6 @@
 // waymarkd: camera in, poses out. Reads and checks everything there is to check, and hands it to
 // the Daemon (daemon.h), where the wiring is.
+#include <csignal>
 #include <cstdio>
 #include <cstdlib>
 #include <filesystem>
@@ -85,6 +86,7 @@ int run(const fs::path& file, bool check_only) {
     return kBadInput;
   }
   if (!*parts) return kDone;
+  log.writeBehind();
   Daemon daemon(*std::move(parts).value(), reload_signal, log);
   const std::optional<Daemon::Failure> failure = daemon.run();
   if (!failure) return kDone;
@@ -96,6 +98,7 @@ int run(const fs::path& file, bool check_only) {
 }  // namespace waymark::daemon
 
 int main(int argc, char** argv) {
+  std::signal(SIGPIPE, SIG_IGN);  // who reads the log may go, and the daemon stays
   CLI::App app{"Publishes metric camera poses from printed markers over LCM.", "waymarkd"};
   std::string configuration_file;
   bool check_only = false;

@@ -15,6 +15,7 @@
 #include <sched.h>
 #include <sys/mount.h>
 #include <sys/socket.h>
+#include <sys/stat.h>
 #include <sys/un.h>
 
 #include "base/unique_fd.h"
@@ -61,6 +62,43 @@ TEST_F(DaemonFaultsTest, AStoppedSubscriberStopsNobodyElse) {
       milliseconds(2000)));
   EXPECT_EQ(subscriber.received().counters()["dropped.publisher"], 0);
   EXPECT_EQ(subscriber.received().counters()["dropped.unsent"], 0);
+}
+
+// Everything that logs goes on: recorder, publisher, camera, housekeeping. Before, a log of some
+// lines more than the pipe holds stopped one after the other.
+TEST_F(DaemonFaultsTest, ALogThatNobodyReadsStopsNobody) {
+  const fs::path log = directory_ / "stderr";
+  ASSERT_EQ(::mkfifo(log.c_str(), 0600), 0);
+  const UniqueFd pipe(::open(log.c_str(), O_RDWR | O_NONBLOCK | O_CLOEXEC));
+  ASSERT_EQ(::fcntl(pipe.get(), F_SETPIPE_SZ, 4096), 4096);
+  write(configuration("", "[record]\ndirectory = 'recordings'\nkeep_free_mib = 0\n"));
+  daemon_ = std::make_unique<Process>(
+      std::vector<std::string>{WAYMARKD, "--config", file_.string()}, log);
+  ASSERT_TRUE(eventually([&] {
+    const Json now = statusIfAny();
+    return now.is_object() && now["status"] == "tracking";
+  }));
+  for (int i = 0; i < 80; ++i) {
+    for (const char* action : {"stop", "start"}) {
+      ASSERT_EQ(ctl({"--timeout", "5", "record", action}).exit_code, 0) << i;
+    }
+    ASSERT_EQ(ctl({"--timeout", "5", "reload"}).exit_code, 0) << i;
+  }
+  EXPECT_TRUE(eventually([&] { return status()["recorder"]["state"] == "recording"; }));
+  expectPosesGoOn();
+  EXPECT_EQ(counter("dropped.publisher"), 0);
+
+  std::string text;
+  const auto told = [&] {
+    std::array<char, 4096> bytes{};
+    for (ssize_t count = 0; (count = ::read(pipe.get(), bytes.data(), bytes.size())) > 0;) {
+      text.append(bytes.data(), static_cast<std::size_t>(count));
+    }
+    return text.find("waymarkd: stopped after ") != text.npos;
+  };
+  daemon_->signal(SIGTERM);
+  EXPECT_TRUE(eventually(told)) << "what waited is there, to the last line: " << text;
+  EXPECT_EQ(daemon_->wait(milliseconds(20'000)), 0);
 }
 
 // Runs a command in the network of a process, in a thread that is then gone.

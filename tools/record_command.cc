@@ -130,8 +130,9 @@ Result<ExitCode> record(const RecordArguments& arguments) {
   if (!writable) return writable.error();
 
   daemon::StopSignal stop;
-  const daemon::Log log(arguments.quiet ? daemon::LogLevel::kError : daemon::LogLevel::kInfo,
-                        /*for_journal=*/false, "waymark");
+  daemon::Log log(arguments.quiet ? daemon::LogLevel::kError : daemon::LogLevel::kInfo,
+                  /*for_journal=*/false, "waymark");
+  log.writeBehind();
   daemon::FrameQueue frames(1);
   daemon::CameraStatus status;
   daemon::Recorder recorder(daemon::recorderOptions(arguments.record), *files, log);
