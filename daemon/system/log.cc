@@ -25,8 +25,8 @@ std::string_view urgency(LogLevel level) {
   return "";
 }
 
-std::string lineOf(LogLevel level, std::string_view text, const std::string& program,
-                   bool for_journal) {
+std::string formatLine(LogLevel level, std::string_view text, const std::string& program,
+                       bool for_journal) {
   std::string line;
   if (for_journal) {
     line.append("<").append(std::to_string(static_cast<int>(level))).append(">");
@@ -66,7 +66,7 @@ void Log::writeBehind() {
   // The writer may outlive this object.
   const auto loss_line = [program = program_, for_journal = for_journal_](std::uint64_t lost) {
     const std::string text = std::to_string(lost) + " lines of the log lost, as nobody read them";
-    return lineOf(LogLevel::kWarning, text, program, for_journal);
+    return formatLine(LogLevel::kWarning, text, program, for_journal);
   };
   writer_ = std::make_unique<LineWriter>(STDERR_FILENO, loss_line);
 }
@@ -79,7 +79,7 @@ std::uint64_t Log::lost() const { return writer_ ? writer_->lost() : 0; }
 
 void Log::write(LogLevel level, std::string_view text) const {
   if (level > this->level()) return;
-  std::string line = lineOf(level, text, program_, for_journal_);
+  std::string line = formatLine(level, text, program_, for_journal_);
   if (writer_) {
     writer_->add(std::move(line));
     return;

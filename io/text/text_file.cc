@@ -35,7 +35,7 @@ fs::path directoryOf(const fs::path& path) {
 
 // The file itself, of which `path` may be a link: what is written goes where the link points, as
 // with any other program. What is there and no regular file (a device, say) is not replaced.
-Result<fs::path> placeOf(const fs::path& path) {
+Result<fs::path> targetOf(const fs::path& path) {
   constexpr int kMaxLinks = 40;  // as the kernel
   fs::path place = path;
   std::error_code error;
@@ -65,7 +65,7 @@ class PendingFile {
   }
 
   Status write(std::string_view content) {
-    Result<fs::path> place = placeOf(path_);
+    Result<fs::path> place = targetOf(path_);
     if (!place) return place.error();
     place_ = std::move(place).value();
     const UniqueFd file = makeTemporary();
@@ -147,7 +147,7 @@ namespace {
 // A second name first, so that `path` is never without a file; where there are none, or on another
 // file system, a copy.
 Status keepAs(const fs::path& previous, const fs::path& path) {
-  const Result<fs::path> place = placeOf(previous);
+  const Result<fs::path> place = targetOf(previous);
   if (!place) return place.error();
   const fs::path second_name = place->string() + ".tmp";
   ::unlink(second_name.c_str());
