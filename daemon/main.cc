@@ -56,6 +56,8 @@ Result<std::optional<DaemonParts>> prepare(const fs::path& file, const Configura
   }
   Result<StartMap> start = readStartMap(configuration.slam, camera->calibration);
   if (!start) return start.error();
+  // A start would go on; whoever asks wants to know.
+  if (check_only && !start->not_writable.empty()) return Error{start->not_writable};
   if (check_only) return std::optional<DaemonParts>();
   std::unique_ptr<Recorder> recorder =
       makeRecorder(configuration, file, camera->calibration, *start, log);
