@@ -19,6 +19,7 @@
 #include <sys/un.h>
 
 #include "base/unique_fd.h"
+#include "daemon/control/testing_client.h"
 #include "io/maps/map_file.h"
 #include "tests/running_daemon.h"
 #include "tests/subscriber.h"
@@ -78,11 +79,16 @@ TEST_F(DaemonFaultsTest, ALogThatNobodyReadsStopsNobody) {
     const Json now = statusIfAny();
     return now.is_object() && now["status"] == "tracking";
   }));
+  const daemon::testing::TestClient client(directory_ / "control.sock");
+  const auto answered = [&](const std::string& request) {
+    client.send(request + "\n");
+    std::string answer;
+    return eventually([&] { return (answer += client.received()).ends_with("\n"); });
+  };
   for (int i = 0; i < 80; ++i) {
-    for (const char* action : {"stop", "start"}) {
-      ASSERT_EQ(ctl({"--timeout", "5", "record", action}).exit_code, 0) << i;
-    }
-    ASSERT_EQ(ctl({"--timeout", "5", "reload"}).exit_code, 0) << i;
+    ASSERT_TRUE(answered(R"({"command":"record","action":"stop"})")) << i;
+    ASSERT_TRUE(answered(R"({"command":"record","action":"start"})")) << i;
+    ASSERT_TRUE(answered(R"({"command":"reload"})")) << i;
   }
   EXPECT_TRUE(eventually([&] { return status()["recorder"]["state"] == "recording"; }));
   expectPosesGoOn();

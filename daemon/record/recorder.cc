@@ -180,6 +180,9 @@ void Recorder::open() {
 void Recorder::close() {
   if (!rolling_) return;
   rolling_->finish();
+  if (rolling_->state() == eventlog::RollingLog::State::kPaused) {
+    tell(RecorderState::kPaused, rolling_->reason(), "");
+  }
   publishCounters();
   before_ = before_ + rolling_->counters();
   rolling_.reset();
