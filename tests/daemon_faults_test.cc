@@ -168,6 +168,31 @@ TEST_F(DaemonFaultsTest, ADirectoryThatCannotBeWrittenToIsCountedAndTriedAgain) 
   ::umount2(maps.c_str(), MNT_DETACH);
 }
 
+// As a disk comes up that was not unmounted: poses come, and it is counted that maps cannot be
+// saved.
+TEST_F(DaemonFaultsTest, AReadOnlyDiskAtTheStartCostsNoPoses) {
+  const std::string maps = (directory_ / "maps").string();
+  if (::unshare(CLONE_NEWNS) != 0 || ::mount("", "/", nullptr, MS_REC | MS_PRIVATE, nullptr) != 0 ||
+      ::mount("tmpfs", maps.c_str(), "tmpfs", MS_RDONLY, nullptr) != 0) {
+    GTEST_SKIP() << "no mounts of one's own";
+  }
+  start(configuration());
+  EXPECT_NE(said().find("Read-only file system; the map will be saved when it can be"),
+            std::string::npos)
+      << said();
+  EXPECT_GE(counter("map.save_failures"), 1);
+  expectPosesGoOn();
+  const ProgramResult check = runProgram({WAYMARKD, "--check", "--config", file_.string()});
+  EXPECT_EQ(check.exit_code, 2) << "whoever asks is told";
+  EXPECT_NE(check.err.find("Read-only file system"), std::string::npos) << check.err;
+
+  ASSERT_EQ(::mount("", maps.c_str(), nullptr, MS_REMOUNT, nullptr), 0);
+  EXPECT_EQ(ctl({"save-map"}).exit_code, 0) << "when it is better";
+  daemon_->signal(SIGTERM);
+  EXPECT_EQ(daemon_->wait(milliseconds(20'000)), 0) << said();
+  ::umount2(maps.c_str(), MNT_DETACH);
+}
+
 // One of a hundred that mean no good.
 class HostileClient {
  public:

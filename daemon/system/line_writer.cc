@@ -65,10 +65,10 @@ void LineWriter::add(std::string line) {
     const std::lock_guard lock(state_->mutex);
     if (state_->waiting.size() < state_->max_lines) {
       state_->waiting.push_back(std::move(line));
-      line.clear();
+    } else {
+      state_->lost.fetch_add(1, std::memory_order_relaxed);
     }
   }
-  if (!line.empty()) state_->lost.fetch_add(1, std::memory_order_relaxed);
   state_->changed.notify_all();
 }
 
@@ -97,10 +97,12 @@ void LineWriter::run(State* state) {
     }
     state->writing = true;
     lines.swap(state->waiting);
+    // Up to now, and so later than these lines: they had the room.
+    const std::uint64_t lost = state->lost.load(std::memory_order_relaxed);
     lock.unlock();
     writeAll(state, lines);
     lines.clear();
-    if (const std::uint64_t lost = state->lost.load(std::memory_order_relaxed); lost > told) {
+    if (lost > told) {
       writeAll(state, {state->loss_line(lost - told)});
       told = lost;
     }
