@@ -61,6 +61,7 @@ void Daemon::wireHousekeeping() {
     if (reload_signal_.take()) controller_.reloadBySignal();
   });
   if (ControlServer* const control = parts_.control.get()) {
+    control->setGoneHandler([this](auto client) { maps_.forget(client); });
     control->setHandler(
         [this](auto client, const auto& line) { return controller_.handle(client, line); });
     housekeeper_.watch(control->fd(), [control] { control->serve(monotonicNs()); });
@@ -87,37 +88,42 @@ void Daemon::wireCounters() {
   add(parts_.recorder.get());
   publisher_.addCounters([this](const CounterSink& sink) {
     sink("realtime.refused", rejections_.load(std::memory_order_relaxed));
+    sink("log.lost_lines", log_.lost());
   });
 }
 
 std::optional<Daemon::Failure> Daemon::run() {
   for (const std::string& warning : parts_.start.warnings) log_.warning(warning);
   for (const std::string& note : parts_.start.notes) log_.info(note);
+  if (!parts_.start.not_writable.empty()) maps_.noteNotWritable(parts_.start.not_writable);
   startThreads();
   service_.ready();
   stop_.wait();
   service_.stopping();
   // Opening a source cannot be interrupted, and nothing has begun that would need an end.
-  if (camera_status_.firstOpening()) std::_Exit(EXIT_SUCCESS);
+  if (camera_status_.firstOpening()) {
+    log_.drain();
+    std::_Exit(EXIT_SUCCESS);
+  }
   return stopThreads();
 }
 
 std::thread Daemon::start(const char* name, const ThreadOptions& options,
                           std::function<void()> run) {
-  const auto rejected = [this](const Error& error) {
-    log_.warning(error.message);
-    rejections_.fetch_add(1, std::memory_order_relaxed);
-  };
-  return startThread(name, options, rejected, std::move(run));
+  return startThread(
+      name, options, [this](const Error& error) { reportRejected(error); }, std::move(run));
+}
+
+// Any thread.
+void Daemon::reportRejected(const Error& error) {
+  log_.warning(error.message);
+  rejections_.fetch_add(1, std::memory_order_relaxed);
 }
 
 void Daemon::startThreads() {
   const Configuration::RealTime& realtime = parts_.configuration.realtime;
   if (realtime.lock_memory) {
-    if (const Status locked = lockMemory(); !locked) {
-      log_.warning(locked.error().message);
-      rejections_.fetch_add(1, std::memory_order_relaxed);
-    }
+    if (const Status locked = lockMemory(); !locked) reportRejected(locked.error());
   }
   publisher_thread_ = start("wm-publisher", realtime.publisher, [this] {
     publisher_.run();
@@ -129,7 +135,7 @@ void Daemon::startThreads() {
     recorder_thread_ = start("wm-recorder", realtime.recorder, [this] { parts_.recorder->run(); });
   }
   map_thread_ = start("wm-maps", {}, [this] {
-    lowerPriority();
+    if (const Status lowered = lowerPriority("wm-maps"); !lowered) reportRejected(lowered.error());
     maps_.run();
   });
   housekeeping_thread_ = start("wm-housekeeping", {}, [this] { housekeeper_.run(); });

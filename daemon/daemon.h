@@ -73,6 +73,7 @@ class Daemon {
   void wireCounters();
   void startThreads();
   [[nodiscard]] std::optional<Failure> stopThreads();
+  void reportRejected(const Error& error);
   [[nodiscard]] std::thread start(const char* name, const ThreadOptions& options,
                                   std::function<void()> run);
 

@@ -1,5 +1,6 @@
 // waymarkd: camera in, poses out. Reads and checks everything there is to check, and hands it to
 // the Daemon (daemon.h), where the wiring is.
+#include <csignal>
 #include <cstdio>
 #include <cstdlib>
 #include <filesystem>
@@ -55,6 +56,8 @@ Result<std::optional<DaemonParts>> prepare(const fs::path& file, const Configura
   }
   Result<StartMap> start = readStartMap(configuration.slam, camera->calibration);
   if (!start) return start.error();
+  // A start would go on; whoever asks wants to know.
+  if (check_only && !start->not_writable.empty()) return Error{start->not_writable};
   if (check_only) return std::optional<DaemonParts>();
   std::unique_ptr<Recorder> recorder =
       makeRecorder(configuration, file, camera->calibration, *start, log);
@@ -85,6 +88,7 @@ int run(const fs::path& file, bool check_only) {
     return kBadInput;
   }
   if (!*parts) return kDone;
+  log.writeBehind();
   Daemon daemon(*std::move(parts).value(), reload_signal, log);
   const std::optional<Daemon::Failure> failure = daemon.run();
   if (!failure) return kDone;
@@ -96,6 +100,7 @@ int run(const fs::path& file, bool check_only) {
 }  // namespace waymark::daemon
 
 int main(int argc, char** argv) {
+  std::signal(SIGPIPE, SIG_IGN);  // who reads the log may go, and the daemon stays
   CLI::App app{"Publishes metric camera poses from printed markers over LCM.", "waymarkd"};
   std::string configuration_file;
   bool check_only = false;

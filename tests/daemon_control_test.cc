@@ -66,7 +66,10 @@ TEST_F(DaemonControlTest, TheMapIsSavedLoadedAndReset) {
   EXPECT_GT(status()["map"]["last_save_age_s"], 0.0);
 
   const std::int64_t frames = counter("slam.frames");
-  EXPECT_EQ(printed({"reset"}), "beginning a new map\n");
+  const fs::path replaced = map_.string() + ".replaced";
+  EXPECT_EQ(printed({"reset"}),
+            "beginning a new map; the one before is in " + replaced.string() + "\n");
+  EXPECT_TRUE(io::readMap(replaced));
   EXPECT_GE(counter("slam.frames"), frames) << "counters only grow";
   EXPECT_TRUE(eventually([&] { return status()["status"] == "tracking"; })) << "in the new map";
 

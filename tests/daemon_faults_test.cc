@@ -15,9 +15,11 @@
 #include <sched.h>
 #include <sys/mount.h>
 #include <sys/socket.h>
+#include <sys/stat.h>
 #include <sys/un.h>
 
 #include "base/unique_fd.h"
+#include "daemon/control/testing_client.h"
 #include "io/maps/map_file.h"
 #include "tests/running_daemon.h"
 #include "tests/subscriber.h"
@@ -61,6 +63,48 @@ TEST_F(DaemonFaultsTest, AStoppedSubscriberStopsNobodyElse) {
       milliseconds(2000)));
   EXPECT_EQ(subscriber.received().counters()["dropped.publisher"], 0);
   EXPECT_EQ(subscriber.received().counters()["dropped.unsent"], 0);
+}
+
+// Everything that logs goes on: recorder, publisher, camera, housekeeping. Before, a log of some
+// lines more than the pipe holds stopped one after the other.
+TEST_F(DaemonFaultsTest, ALogThatNobodyReadsStopsNobody) {
+  const fs::path log = directory_ / "stderr";
+  ASSERT_EQ(::mkfifo(log.c_str(), 0600), 0);
+  const UniqueFd pipe(::open(log.c_str(), O_RDWR | O_NONBLOCK | O_CLOEXEC));
+  ASSERT_EQ(::fcntl(pipe.get(), F_SETPIPE_SZ, 4096), 4096);
+  write(configuration("", "[record]\ndirectory = 'recordings'\nkeep_free_mib = 0\n"));
+  daemon_ = std::make_unique<Process>(
+      std::vector<std::string>{WAYMARKD, "--config", file_.string()}, log);
+  ASSERT_TRUE(eventually([&] {
+    const Json now = statusIfAny();
+    return now.is_object() && now["status"] == "tracking";
+  }));
+  const daemon::testing::TestClient client(directory_ / "control.sock");
+  const auto answered = [&](const std::string& request) {
+    client.send(request + "\n");
+    std::string answer;
+    return eventually([&] { return (answer += client.received()).ends_with("\n"); });
+  };
+  for (int i = 0; i < 80; ++i) {
+    ASSERT_TRUE(answered(R"({"command":"record","action":"stop"})")) << i;
+    ASSERT_TRUE(answered(R"({"command":"record","action":"start"})")) << i;
+    ASSERT_TRUE(answered(R"({"command":"reload"})")) << i;
+  }
+  EXPECT_TRUE(eventually([&] { return status()["recorder"]["state"] == "recording"; }));
+  expectPosesGoOn();
+  EXPECT_EQ(counter("dropped.publisher"), 0);
+
+  std::string text;
+  const auto told = [&] {
+    std::array<char, 4096> bytes{};
+    for (ssize_t count = 0; (count = ::read(pipe.get(), bytes.data(), bytes.size())) > 0;) {
+      text.append(bytes.data(), static_cast<std::size_t>(count));
+    }
+    return text.find("waymarkd: stopped after ") != text.npos;
+  };
+  daemon_->signal(SIGTERM);
+  EXPECT_TRUE(eventually(told)) << "what waited is there, to the last line: " << text;
+  EXPECT_EQ(daemon_->wait(milliseconds(20'000)), 0);
 }
 
 // Runs a command in the network of a process, in a thread that is then gone.
@@ -119,6 +163,31 @@ TEST_F(DaemonFaultsTest, ADirectoryThatCannotBeWrittenToIsCountedAndTriedAgain) 
   EXPECT_NE(readFile(map_), before);
   EXPECT_TRUE(io::readMap(map_));
   EXPECT_EQ(readFile(map_.string() + ".previous").find("{\"format\""), 0U);
+  daemon_->signal(SIGTERM);
+  EXPECT_EQ(daemon_->wait(milliseconds(20'000)), 0) << said();
+  ::umount2(maps.c_str(), MNT_DETACH);
+}
+
+// As a disk comes up that was not unmounted: poses come, and it is counted that maps cannot be
+// saved.
+TEST_F(DaemonFaultsTest, AReadOnlyDiskAtTheStartCostsNoPoses) {
+  const std::string maps = (directory_ / "maps").string();
+  if (::unshare(CLONE_NEWNS) != 0 || ::mount("", "/", nullptr, MS_REC | MS_PRIVATE, nullptr) != 0 ||
+      ::mount("tmpfs", maps.c_str(), "tmpfs", MS_RDONLY, nullptr) != 0) {
+    GTEST_SKIP() << "no mounts of one's own";
+  }
+  start(configuration());
+  EXPECT_NE(said().find("Read-only file system; the map will be saved when it can be"),
+            std::string::npos)
+      << said();
+  EXPECT_GE(counter("map.save_failures"), 1);
+  expectPosesGoOn();
+  const ProgramResult check = runProgram({WAYMARKD, "--check", "--config", file_.string()});
+  EXPECT_EQ(check.exit_code, 2) << "whoever asks is told";
+  EXPECT_NE(check.err.find("Read-only file system"), std::string::npos) << check.err;
+
+  ASSERT_EQ(::mount("", maps.c_str(), nullptr, MS_REMOUNT, nullptr), 0);
+  EXPECT_EQ(ctl({"save-map"}).exit_code, 0) << "when it is better";
   daemon_->signal(SIGTERM);
   EXPECT_EQ(daemon_->wait(milliseconds(20'000)), 0) << said();
   ::umount2(maps.c_str(), MNT_DETACH);

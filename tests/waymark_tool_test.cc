@@ -1,8 +1,12 @@
 // The `waymark` command as its users meet it: exit codes, messages and files.
 #include <algorithm>
+#include <chrono>
+#include <csignal>
 #include <filesystem>
 #include <fstream>
 #include <string>
+#include <thread>
+#include <utility>
 #include <vector>
 
 #include <gtest/gtest.h>
@@ -13,6 +17,7 @@
 
 #include "io/calibrations/calibration_file.h"
 #include "tests/process.h"
+#include "tests/small_disk.h"
 #include "tests/temporary_directory.h"
 
 namespace waymark {
@@ -298,6 +303,105 @@ TEST_F(WaymarkTool, SavedDetectionsReplayAsTheImages) {
   EXPECT_LT(errors["limit"]["ate_m"]["mean"].get<double>(), 0.002);
   EXPECT_LT(errors["ate_m"]["mean"].get<double>(),
             2.0 * errors["limit"]["ate_m"]["mean"].get<double>());
+}
+
+// A short walk as images, of a camera whose calibration lies beside them.
+class InterruptedRun : public WaymarkTool {
+ protected:
+  void SetUp() override {
+    WaymarkTool::SetUp();
+    const fs::path walk = directory_ / "walk";
+    ASSERT_EQ(waymark({"simulate", "walls", "--duration", "2", "--fps", "10", "--quiet", "--out",
+                       walk.string()})
+                  .exit_code,
+              0);
+    fs::create_directory(images_);
+    cv::VideoCapture video((walk / "frames.avi").string());
+    std::ofstream times(images_ / "frames.txt");
+    cv::Mat image;
+    for (int i = 10; video.read(image); ++i) {
+      const std::string name = std::to_string(i) + ".png";
+      cv::imwrite((images_ / name).string(), image);
+      times << name << " " << 0.1 * i << "\n";
+    }
+  }
+  [[nodiscard]] std::vector<std::pair<std::string, std::string>> options() const {
+    return {{"--calibration", (directory_ / "walk" / "calib.yml").string()},
+            {"--dictionary", "ARUCO_MIP_36h12"},
+            {"--marker-size", "0.123"}};
+  }
+  [[nodiscard]] nlohmann::json statistics() const {
+    return nlohmann::json::parse(readFile(directory_ / "out" / "stats.json"));
+  }
+  [[nodiscard]] int poses(const char* name) const {
+    std::ifstream file(directory_ / "out" / name);
+    int count = 0;
+    for (std::string line; std::getline(file, line);) count += line.starts_with('#') ? 0 : 1;
+    return count;
+  }
+
+  const fs::path images_ = directory_ / "images";
+};
+
+TEST_F(InterruptedRun, ABadImageAtTheEndCostsNoMoreThanItself) {
+  std::ofstream(images_ / "29.png") << "no image";
+  const ProgramResult result = run(images_.string(), options());
+  EXPECT_EQ(result.exit_code, 1);
+  EXPECT_NE(
+      result.err.find("29.png: is not a readable image; the results are of the frames before"),
+      std::string::npos)
+      << result.err;
+  const nlohmann::json told = statistics();
+  EXPECT_NE(told["incomplete"].get<std::string>().find("29.png"), std::string::npos);
+  EXPECT_EQ(told["frames"], 19);
+  EXPECT_EQ(poses("trajectory.tum"), told["localized"].get<int>());
+  EXPECT_GE(poses("trajectory_final.tum"), 15);
+  EXPECT_TRUE(fs::exists(directory_ / "out" / "map.json"));
+}
+
+TEST_F(InterruptedRun, ASignalEndsTheFramesAndNotTheResults) {
+  std::vector<std::string> command = {
+      WAYMARK_PROGRAM, "run", images_.string(), "--realtime",
+      "--fps",         "2",   "--out",          (directory_ / "out").string()};
+  for (const auto& [key, value] : options()) command.insert(command.end(), {key, value});
+  testing::Process process(command, directory_ / "err", directory_ / "said");
+  const auto until = std::chrono::steady_clock::now() + std::chrono::seconds(30);
+  while (process.stderrText().empty() && std::chrono::steady_clock::now() < until) {
+    std::this_thread::sleep_for(std::chrono::milliseconds(10));
+  }
+  std::this_thread::sleep_for(std::chrono::milliseconds(2000));  // of ten seconds
+  process.signal(SIGINT);
+  EXPECT_EQ(process.wait(std::chrono::seconds(60)), 1) << process.stderrText();
+  const nlohmann::json told = statistics();
+  EXPECT_TRUE(told["incomplete"].get<std::string>().starts_with("interrupted after "));
+  EXPECT_GT(told["localized"].get<int>(), 0);
+  EXPECT_LT(told["frames"].get<int>(), 20);
+  EXPECT_EQ(poses("trajectory.tum"), told["localized"].get<int>());
+}
+
+TEST_F(InterruptedRun, OfAFullDiskThereIsWhatFits) {
+  const testing::SmallDisk disk(directory_ / "out", "24k");
+  if (!disk) GTEST_SKIP() << "only root can mount a small file system";
+  const ProgramResult result = run(images_.string(), options());
+  EXPECT_EQ(result.exit_code, 1);
+  EXPECT_NE(result.err.find("No space left on device; missing: "), std::string::npos) << result.err;
+  EXPECT_NE(statistics()["incomplete"].get<std::string>().find("No space left on device"),
+            std::string::npos);
+  EXPECT_EQ(poses("trajectory.tum"), statistics()["localized"].get<int>());
+}
+
+TEST_F(InterruptedRun, ARecordingOnAFullDiskFails) {
+  const testing::SmallDisk disk(directory_ / "recordings", "16k");
+  if (!disk) GTEST_SKIP() << "only root can mount a small file system";
+  const ProgramResult result =
+      waymark({"record", images_.string(), "--out", (directory_ / "recordings").string(),
+               "--keep-free-mib", "0", "--quiet"});
+  EXPECT_EQ(result.exit_code, 1);
+  EXPECT_NE(result.err.find("the recording is incomplete: 0.0 MiB, 20 frames lost; paused: "),
+            std::string::npos)
+      << result.err;
+  EXPECT_NE(result.err.find("No space left on device"), std::string::npos) << result.err;
+  EXPECT_TRUE(fs::is_empty(directory_ / "recordings")) << "no empty file";
 }
 
 // On a real recording: every file, twice the same bytes, and close to the printed board.

@@ -84,13 +84,16 @@ std::map<std::string, std::uint64_t> countersOf(const daemon::Recorder& recorder
   return all;
 }
 
+std::uint64_t framesLost(const std::map<std::string, std::uint64_t>& counters) {
+  return counters.at("recorder.lost_frames") + counters.at("recorder.lost_paused");
+}
+
 std::string describe(const daemon::Recorder& recorder) {
   const auto counters = countersOf(recorder);
   const daemon::Recorder::Report report = recorder.report();
   std::string text =
       io::fixed(static_cast<double>(counters.at("recorder.bytes")) / (1U << 20U), 1) + " MiB";
-  const std::uint64_t lost =
-      counters.at("recorder.lost_frames") + counters.at("recorder.lost_paused");
+  const std::uint64_t lost = framesLost(counters);
   if (lost > 0) text += ", " + std::to_string(lost) + " frames lost";
   if (report.state == daemon::RecorderState::kPaused) text += "; paused: " + report.reason;
   return text;
@@ -130,8 +133,9 @@ Result<ExitCode> record(const RecordArguments& arguments) {
   if (!writable) return writable.error();
 
   daemon::StopSignal stop;
-  const daemon::Log log(arguments.quiet ? daemon::LogLevel::kError : daemon::LogLevel::kInfo,
-                        /*for_journal=*/false, "waymark");
+  daemon::Log log(arguments.quiet ? daemon::LogLevel::kError : daemon::LogLevel::kInfo,
+                  /*for_journal=*/false, "waymark");
+  log.writeBehind();
   daemon::FrameQueue frames(1);
   daemon::CameraStatus status;
   daemon::Recorder recorder(daemon::recorderOptions(arguments.record), *files, log);
@@ -142,7 +146,9 @@ Result<ExitCode> record(const RecordArguments& arguments) {
                                 return *first ? std::move(*first) : (*opener)();
                               },
                               .comes_back = capture::isCamera(arguments.source),
-                              .device_came = capture::monitorHotplug(arguments.source)},
+                              .device_came = capture::monitorHotplug(arguments.source),
+                              .rate_hz = arguments.fps.value_or(0.0),
+                              .exposure_s = arguments.exposure_s},
                              frames, status, log);
   camera.setTap([&](const capture::Frame& frame) { recorder.addFrame(frame); });
 
@@ -160,13 +166,23 @@ Result<ExitCode> record(const RecordArguments& arguments) {
   recorder.requestStop();
   recorder_thread.join();
 
-  if (camera.failure()) return *camera.failure();
+  if (camera.failure() && status.counters().frames == 0) return *camera.failure();
+  log.drain();  // what it says comes before what follows
   const auto counters = countersOf(recorder);
   if (!arguments.quiet) {
     std::printf("%llu frames of %llu in %s: %s\n",
                 static_cast<unsigned long long>(counters.at("recorder.events")),
                 static_cast<unsigned long long>(status.counters().frames),
                 arguments.record.directory.c_str(), describe(recorder).c_str());
+  }
+  if (camera.failure()) {
+    std::fprintf(stderr, "waymark: %s; the frames before it are recorded\n",
+                 camera.failure()->message.c_str());
+    return kIncomplete;
+  }
+  if (framesLost(counters) > 0) {
+    std::fprintf(stderr, "waymark: the recording is incomplete: %s\n", describe(recorder).c_str());
+    return kIncomplete;
   }
   return kDone;
 }

@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cstdio>
 #include <filesystem>
+#include <functional>
+#include <limits>
 #include <map>
 #include <memory>
 #include <optional>
@@ -162,21 +164,30 @@ Result<RunSetup> prepare(const RunArguments& arguments) {
   return setup;
 }
 
-Status processAll(RunInput& input, slam::Slam& slam, StageTimer& timer, bool show_progress,
-                  RunRecord* record) {
-  // A camera goes on until somebody stops it; then what was seen is written all the same.
-  std::optional<daemon::StopSignal> stop;
-  if (input.endless()) stop.emplace();
+// Of a camera, which goes on for ever; 2.3 kB a frame. An hour at 30 Hz.
+constexpr std::size_t kCameraFrames = 108'000;
+
+// Every frame. Returns why there are more than were processed; empty when there are not. What goes
+// wrong before anything was found is an error.
+Result<std::string> processAll(RunInput& input, const daemon::StopSignal& stop, slam::Slam& slam,
+                               StageTimer& timer, bool show_progress, RunRecord* record) {
   ProgressBar bar(input.frameCount(), show_progress);
   for (;;) {
-    if (stop && stop->pending()) return success();
+    // A camera goes on until somebody stops it.
+    if (stop.pending()) {
+      return input.endless() ? std::string()
+                             : "interrupted after " + std::to_string(record->frames()) + " frames";
+    }
     const Result<std::optional<RunInput::Step>> step = input.step(slam, timer);
     if (!step) {
-      if (!input.endless()) return step.error();
-      std::fprintf(stderr, "waymark: %s; that was the end\n", step.error().message.c_str());
-      return success();
+      if (input.endless()) {
+        std::fprintf(stderr, "waymark: %s; that was the end\n", step.error().message.c_str());
+        return std::string();
+      }
+      if (record->localized() == 0) return step.error();
+      return step.error().message;
     }
-    if (!step.value()) return success();
+    if (!step.value()) return std::string();
     record->add((*step)->time_ns, (*step)->result, slam.counters());
     bar.update(static_cast<std::int64_t>(record->frames()), [&] {
       return "localized " + io::fixed(record->localizedPercent(), 1) + " %  " +
@@ -191,13 +202,17 @@ std::string mapText(const slam::Slam& slam, const RunSetup& setup) {
   return io::formatMap(slam.map(), slam.camera().calibration(), slam.readout_s());
 }
 
-Status writeOutputs(const slam::Slam& slam, const std::string& statistics, const RunRecord& record,
-                    bool with_calibration, RunSetup& setup) {
+// `statistics` makes stats.json, given why it is incomplete. Where the disk is full, what fits.
+Status writeOutputs(const slam::Slam& slam,
+                    const std::function<std::string(const std::string&)>& statistics,
+                    const std::string& incomplete, const RunRecord& record, bool with_calibration,
+                    RunSetup& setup) {
   io::OutputDirectory& output = *setup.output;
   const io::Trajectory final_trajectory = record.finalTrajectory(slam);
+  output.add("stats.json", statistics(incomplete));
   output.add("trajectory.tum", io::formatTrajectory(record.liveTrajectory()));
-  output.add("trajectory_final.tum", io::formatTrajectory(final_trajectory));
   output.add("map.json", mapText(slam, setup));
+  output.add("trajectory_final.tum", io::formatTrajectory(final_trajectory));
   if (with_calibration) {
     output.add("calib.yml", io::formatCalibration(slam.camera().calibration()));
   }
@@ -206,8 +221,12 @@ Status writeOutputs(const slam::Slam& slam, const std::string& statistics, const
                                               .estimate = final_trajectory,
                                               .truth = {},
                                               .z_is_up = false}));
-  output.add("stats.json", statistics);
-  return output.commit();
+  const Status written = output.commit();
+  if (written) return written;
+  output.add("stats.json", statistics(written.error().message));
+  std::string message = written.error().message + "; missing:";
+  for (const std::string& name : output.commitWhatFits()) message += " " + name;
+  return Error{message};
 }
 
 Status writeDetections(const std::string& file, const RunRecord& record,
@@ -219,12 +238,7 @@ Status writeDetections(const std::string& file, const RunRecord& record,
   return directory.commit();
 }
 
-Result<ExitCode> run(const RunArguments& arguments) {
-  // The SLAM is one thread; OpenCV's pool would blur its timing and gain nothing.
-  cv::setNumThreads(1);
-  Result<RunSetup> prepared = prepare(arguments);
-  if (!prepared) return prepared.error();
-  RunSetup& setup = prepared.value();
+void announce(const RunArguments& arguments, const RunSetup& setup) {
   if (!arguments.quiet) {
     std::fprintf(stderr, "%s\n", setup.input->description().c_str());
     if (!setup.calibration_change.empty()) {
@@ -238,20 +252,57 @@ Result<ExitCode> run(const RunArguments& arguments) {
       std::fprintf(stderr, "waymark: warning: %s\n", warning.c_str());
     }
   }
-  slam::Slam slam(setup.camera, setup.dictionary, setup.options,
-                  setup.old_map ? setup.old_map->file.map : slam::Map());
-  StageTimer timer;
-  RunRecord record;
-  const Status processed =
-      processAll(*setup.input, slam, timer, /*show_progress=*/!arguments.quiet, &record);
-  if (!processed) return processed.error();
-  if (const std::string damage = setup.input->damage(); !damage.empty()) {
+}
+
+// Of the source's frames, in the results.
+void tellWhatIsMissing(const RunInput& input, const RunRecord& record,
+                       const std::string& incomplete) {
+  if (const std::string damage = input.damage(); !damage.empty()) {
     std::fprintf(stderr, "waymark: warning: %s\n", damage.c_str());
   }
+  if (record.forgotten() > 0) {
+    std::fprintf(stderr, "waymark: warning: the results have only the last %zu frames\n",
+                 record.frames() - record.forgotten());
+  }
+  if (!incomplete.empty()) {
+    std::fprintf(stderr, "waymark: %s; the results are of the frames before\n", incomplete.c_str());
+  }
+}
+
+void printSummary(const RunRecord& record, const slam::Slam& slam, const StageTimer& timer) {
+  std::printf("%zu frames, %zu localized (%.1f %%), %zu markers, %zu keyframes, %.2f ms a frame\n",
+              record.frames(), record.localized(), record.localizedPercent(),
+              io::posedMarkerCorners(slam.map()).size(), slam.map().keyframes().size(),
+              timer.totalWall_ms() / std::max<double>(1.0, static_cast<double>(record.frames())));
+}
+
+Result<ExitCode> run(const RunArguments& arguments) {
+  // The SLAM is one thread; OpenCV's pool would blur its timing and gain nothing.
+  cv::setNumThreads(1);
+  Result<RunSetup> prepared = prepare(arguments);
+  if (!prepared) return prepared.error();
+  RunSetup& setup = prepared.value();
+  announce(arguments, setup);
+  // From here on a signal ends the frames, and what there is by then is written all the same.
+  const daemon::StopSignal stop;
+  slam::Slam slam(setup.camera, setup.dictionary, setup.options,
+                  setup.old_map ? setup.old_map->file.map : slam::Map());
+  const std::size_t max_frames =
+      setup.input->endless() ? kCameraFrames : std::numeric_limits<std::size_t>::max();
+  StageTimer timer(max_frames);
+  RunRecord record(max_frames);
+  const Result<std::string> incomplete =
+      processAll(*setup.input, stop, slam, timer, /*show_progress=*/!arguments.quiet, &record);
+  if (!incomplete) return incomplete.error();
+  tellWhatIsMissing(*setup.input, record, *incomplete);
+  bool complete = incomplete->empty();
+  const auto note = [&](const Status& written) {
+    if (written) return;
+    std::fprintf(stderr, "waymark: %s\n", written.error().message.c_str());
+    complete = false;
+  };
   if (setup.detections) {
-    const Status written =
-        writeDetections(arguments.save_detections, record, setup.camera, *setup.detections);
-    if (!written) return written.error();
+    note(writeDetections(arguments.save_detections, record, setup.camera, *setup.detections));
   }
   slam::makeFinalMap(record.liveFrames(),
                      {.unordered_images = setup.input->unorderedImages(),
@@ -259,18 +310,13 @@ Result<ExitCode> run(const RunArguments& arguments) {
                       .refine_intrinsics = arguments.refine_intrinsics},
                      &slam);
   if (setup.output) {
-    const Status written =
-        writeOutputs(slam, record.statistics(slam, timer, setup.input->droppedLate()), record,
-                     arguments.refine_intrinsics, setup);
-    if (!written) return written.error();
+    const auto statistics = [&](const std::string& why) {
+      return record.statistics(slam, timer, setup.input->droppedLate(), why);
+    };
+    note(writeOutputs(slam, statistics, *incomplete, record, arguments.refine_intrinsics, setup));
   }
-  if (!arguments.quiet) {
-    std::printf(
-        "%zu frames, %zu localized (%.1f %%), %zu markers, %zu keyframes, %.2f ms a frame\n",
-        record.frames(), record.localized(), record.localizedPercent(),
-        io::posedMarkerCorners(slam.map()).size(), slam.map().keyframes().size(),
-        timer.totalWall_ms() / std::max<double>(1.0, static_cast<double>(record.frames())));
-  }
+  if (!arguments.quiet) printSummary(record, slam, timer);
+  if (!complete) return kIncomplete;
   return record.localized() > 0 ? kDone : kNoPose;
 }
 

@@ -1,25 +1,28 @@
 #include "tools/run_input.h"
 
+#include <algorithm>
 #include <chrono>
 #include <filesystem>
+#include <string>
 #include <utility>
 #include <variant>
 
 #include "capture/open_source.h"
+#include "capture/silence_limit.h"
 #include "io/recorded_detections.h"
 
 namespace waymark::tools {
 namespace {
 
 using std::chrono_literals::operator""ms;
-using std::chrono_literals::operator""s;
-
-// A camera that is silent for longer than any rate explains has failed.
-constexpr auto kSilence = 2s;
 
 class FrameInput final : public RunInput {
  public:
-  explicit FrameInput(std::unique_ptr<capture::FrameSource> source) : source_(std::move(source)) {}
+  // rate_hz: as asked for; 0: the source's own.
+  FrameInput(std::unique_ptr<capture::FrameSource> source, double rate_hz)
+      : source_(std::move(source)),
+        silence_(std::max(capture::silenceLimit(rate_hz, 0.0, {}),
+                          capture::silenceLimit(source_->info().rate_hz, 0.0, {}))) {}
 
   [[nodiscard]] Result<std::optional<Step>> step(slam::Slam& slam, StageTimer& timer) override {
     auto last_frame = std::chrono::steady_clock::now();
@@ -28,8 +31,8 @@ class FrameInput final : public RunInput {
       if (Error* error = std::get_if<Error>(&read)) return std::move(*error);
       if (std::holds_alternative<capture::EndOfStream>(read)) return std::optional<Step>{};
       if (std::holds_alternative<capture::TimedOut>(read)) {
-        if (!endless() || std::chrono::steady_clock::now() - last_frame < kSilence) continue;
-        return Error{description() + ": no frame for 2 s"};
+        if (!endless() || std::chrono::steady_clock::now() - last_frame < silence_) continue;
+        return Error{description() + ": no frame for " + std::to_string(silence_.count()) + " ms"};
       }
       const capture::FramePtr frame = std::get<capture::FramePtr>(std::move(read));
       const capture::FrameStamp& stamp = frame->stamp();
@@ -60,6 +63,7 @@ class FrameInput final : public RunInput {
 
  private:
   std::unique_ptr<capture::FrameSource> source_;
+  std::chrono::milliseconds silence_;  // of a camera, then it has failed
   std::optional<std::int64_t> first_ns_;
 };
 
@@ -127,7 +131,8 @@ Result<OpenedInput> openRunInput(const RunInputOptions& options,
   if (!fitted) {
     return Error{options.source + " and " + options.calibration + ": " + fitted.error().message};
   }
-  return OpenedInput{std::make_unique<FrameInput>(std::move(source).value()), *fitted};
+  return OpenedInput{
+      std::make_unique<FrameInput>(std::move(source).value(), options.fps.value_or(0.0)), *fitted};
 }
 
 }  // namespace waymark::tools

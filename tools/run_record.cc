@@ -24,15 +24,21 @@ void RunRecord::add(std::int64_t time_ns, const slam::FrameResult& result,
   if (counters.loop_closures > loop_closures_) loop_closed_at_ns_.push_back(time_ns);
   loop_closures_ = counters.loop_closures;
   if (result.pose) {
-    if (!initialized_at_) initialized_at_ = frames_.size();
+    if (!initialized_at_) initialized_at_ = frames();
     ++localized_;
+    squares_px2_ += std::pow(result.pose->reprojection_rms_px, 2);
+  }
+  // Half of them at once: each frame is moved once at most.
+  if (frames_.size() / 2 >= max_frames_) {
+    frames_.erase(frames_.begin(), frames_.begin() + static_cast<std::ptrdiff_t>(max_frames_));
+    forgotten_ += max_frames_;
   }
   frames_.push_back({time_ns, result.pose, {result.detections.begin(), result.detections.end()}});
 }
 
 double RunRecord::localizedPercent() const {
-  if (frames_.empty()) return 0.0;
-  return 100.0 * static_cast<double>(localized_) / static_cast<double>(frames_.size());
+  if (frames() == 0) return 0.0;
+  return 100.0 * static_cast<double>(localized_) / static_cast<double>(frames());
 }
 
 io::Trajectory RunRecord::liveTrajectory() const {
@@ -61,15 +67,13 @@ std::vector<io::RecordedFrame> RunRecord::recordedFrames() const {
 }
 
 std::string RunRecord::statistics(const slam::Slam& slam, const StageTimer& timer,
-                                  std::uint64_t dropped_late) const {
+                                  std::uint64_t dropped_late, const std::string& incomplete) const {
   const slam::Counters& counters = slam.counters();
-  double squares_px2 = 0.0;  // of each frame's RMS
-  for (const slam::LiveFrame& frame : frames_) {
-    if (frame.pose) squares_px2 += std::pow(frame.pose->reprojection_rms_px, 2);
-  }
   const Json none = nullptr;
   Json json;
-  json["frames"] = frames_.size();
+  if (!incomplete.empty()) json["incomplete"] = incomplete;
+  json["frames"] = frames();
+  if (forgotten_ > 0) json["frames_forgotten"] = forgotten_;
   json["localized"] = localized_;
   json["initialized_at_frame"] = initialized_at_ ? Json(*initialized_at_) : none;
   json["keyframes"] = slam.map().keyframes().size();
@@ -81,7 +85,7 @@ std::string RunRecord::statistics(const slam::Slam& slam, const StageTimer& time
   }
   json["relocalizations"] = counters.relocalizations;
   json["reprojection_rms_px"] =
-      localized_ > 0 ? Json(std::sqrt(squares_px2 / static_cast<double>(localized_))) : none;
+      localized_ > 0 ? Json(std::sqrt(squares_px2_ / static_cast<double>(localized_))) : none;
   Json others = Json::object();  // than those above
   for (const slam::NamedCounter& counter : slam::kCounters) {
     if (!json.contains(counter.name)) others[counter.name] = counters.*counter.value;

@@ -1,7 +1,9 @@
 // What happened in a run, frame by frame, and the files that tell of it.
 #pragma once
 
+#include <cstddef>
 #include <cstdint>
+#include <limits>
 #include <optional>
 #include <span>
 #include <string>
@@ -17,13 +19,20 @@ namespace waymark::tools {
 
 class RunRecord {
  public:
+  // max_frames: of a camera, which goes on for ever: at least so many of the latest frames are
+  // kept, and less than twice as many. All are counted.
+  explicit RunRecord(std::size_t max_frames = std::numeric_limits<std::size_t>::max())
+      : max_frames_(max_frames) {}
+
   // `counters` as they are after the frame.
   void add(std::int64_t time_ns, const slam::FrameResult& result, const slam::Counters& counters);
 
   // For the map's end (slam::makeFinalMap()), which may change their corners.
   [[nodiscard]] std::span<slam::LiveFrame> liveFrames() { return frames_; }
 
-  [[nodiscard]] std::size_t frames() const { return frames_.size(); }
+  [[nodiscard]] std::size_t frames() const { return forgotten_ + frames_.size(); }
+  // Of these the earliest, which are counted and in none of the following.
+  [[nodiscard]] std::size_t forgotten() const { return forgotten_; }
   [[nodiscard]] std::size_t localized() const { return localized_; }
   [[nodiscard]] double localizedPercent() const;
 
@@ -33,12 +42,17 @@ class RunRecord {
   [[nodiscard]] io::Trajectory finalTrajectory(const slam::Slam& slam) const;
   // Every frame's detections, for replaying them.
   [[nodiscard]] std::vector<io::RecordedFrame> recordedFrames() const;
-  // stats.json of the interface.
+  // stats.json of the interface. `incomplete`: why there is more than these results tell; usually
+  // empty.
   [[nodiscard]] std::string statistics(const slam::Slam& slam, const StageTimer& timer,
-                                       std::uint64_t dropped_late) const;
+                                       std::uint64_t dropped_late,
+                                       const std::string& incomplete) const;
 
  private:
+  std::size_t max_frames_;
   std::vector<slam::LiveFrame> frames_;
+  std::size_t forgotten_ = 0;
+  double squares_px2_ = 0.0;  // of each pose's RMS
   std::size_t localized_ = 0;
   std::optional<std::size_t> initialized_at_;  // index of the first frame with a pose
   std::uint64_t loop_closures_ = 0;

@@ -48,5 +48,27 @@ TEST(RunRecord, AFrameWithoutAPoseHasNoLine) {
   EXPECT_EQ(trajectory[6].T_w_c.p.x(), 8.0);
 }
 
+// A camera goes on for days.
+TEST(RunRecord, OfACameraTheLatestFramesAreKept) {
+  RunRecord record(100);
+  for (int i = 0; i < 1050; ++i) {
+    slam::FrameResult result;
+    if (i > 0) {
+      result.pose.emplace();
+      result.pose->T_w_c.p.x() = i;
+      result.pose->reprojection_rms_px = 2.0;
+    }
+    record.add(i * kPeriod_ns, result, {});
+    ASSERT_LE(record.liveFrames().size(), 200U);
+  }
+  EXPECT_EQ(record.frames(), 1050U);
+  EXPECT_EQ(record.localized(), 1049U);
+  EXPECT_EQ(record.liveFrames().size() + record.forgotten(), 1050U);
+  EXPECT_GE(record.liveFrames().size(), 100U);
+  const io::Trajectory trajectory = record.liveTrajectory();
+  EXPECT_EQ(trajectory.size(), record.liveFrames().size());
+  EXPECT_EQ(trajectory.back().T_w_c.p.x(), 1049.0);
+}
+
 }  // namespace
 }  // namespace waymark::tools

@@ -43,7 +43,12 @@ void StageTimer::stop(Watch& watch) {
   watch.frame.cpu_ms += stopped.cpu_ms - watch.started.cpu_ms;
 }
 
-void StageTimer::store(Watch& watch) {
+void StageTimer::store(Watch& watch) const {
+  for (std::vector<double>* times_ms : {&watch.wall_ms, &watch.cpu_ms}) {
+    if (times_ms->size() / 2 < max_frames_) continue;
+    times_ms->erase(times_ms->begin(),
+                    times_ms->begin() + static_cast<std::ptrdiff_t>(max_frames_));
+  }
   watch.wall_ms.push_back(watch.frame.wall_ms);
   watch.cpu_ms.push_back(watch.frame.cpu_ms);
   watch.frame = {};

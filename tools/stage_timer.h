@@ -3,6 +3,7 @@
 
 #include <array>
 #include <cstddef>
+#include <limits>
 #include <vector>
 
 #include <nlohmann/json_fwd.hpp>
@@ -23,6 +24,10 @@ struct TimeSummary {
 
 class StageTimer final : public slam::StageObserver {
  public:
+  // max_frames: as of RunRecord.
+  explicit StageTimer(std::size_t max_frames = std::numeric_limits<std::size_t>::max())
+      : max_frames_(max_frames) {}
+
   // Around Slam::process(): everything from having the grey frame to having the pose.
   void beginFrame();
   void endFrame();
@@ -31,7 +36,8 @@ class StageTimer final : public slam::StageObserver {
   void begin(slam::Stage stage) override;
   void end(slam::Stage stage) override;
 
-  // {"total":{"wall_ms":{...},"cpu_ms":{...}},"detect":...,"track":...,"map":...}, over all frames.
+  // {"total":{"wall_ms":{...},"cpu_ms":{...}},"detect":...,"track":...,"map":...}, over all frames
+  // that are kept.
   [[nodiscard]] nlohmann::ordered_json json() const;
 
   [[nodiscard]] double totalWall_ms() const { return total_wall_ms_; }  // sum over all frames
@@ -50,8 +56,9 @@ class StageTimer final : public slam::StageObserver {
   static Reading now();
   static void start(Watch& watch);
   static void stop(Watch& watch);
-  static void store(Watch& watch);
+  void store(Watch& watch) const;
 
+  std::size_t max_frames_;
   Watch total_;
   std::array<Watch, slam::kStages.size()> stages_;
   double total_wall_ms_ = 0.0;

@@ -64,6 +64,8 @@ Result<std::optional<Event>> LogReader::next() {
   }
 }
 
+void LogReader::seek(std::uint64_t offset) { position_ = std::min(offset, size_); }
+
 // Plausible: a header with possible lengths, that end within the file, and a name of printable
 // characters.
 Result<std::optional<Header>> LogReader::headerAt(std::uint64_t offset) {
@@ -155,6 +157,22 @@ Result<std::span<const std::uint8_t>> LogReader::bytes(std::uint64_t offset, std
   }
   return std::span<const std::uint8_t>(window_).subspan(
       static_cast<std::size_t>(offset - window_begin_), count);
+}
+
+Result<std::uint64_t> endOfLastEvent(const std::filesystem::path& file) {
+  Result<LogReader> reader = LogReader::open(file);
+  if (!reader) return reader.error();
+  const std::uint64_t size = reader->size();
+  for (std::uint64_t tail = kWindowBytes;; tail *= 4) {
+    reader->seek(size - std::min(tail, size));
+    for (;;) {
+      const Result<std::optional<Event>> event = reader->next();
+      if (!event) return event.error();
+      if (!*event) break;
+    }
+    // No event as far as that: it lies further ahead, or is larger.
+    if (reader->endOfLast() > 0 || tail >= size) return reader->endOfLast();
+  }
 }
 
 }  // namespace waymark::eventlog

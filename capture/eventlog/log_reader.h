@@ -36,6 +36,9 @@ class LogReader {
   // here.
   [[nodiscard]] Result<std::optional<Event>> next();
 
+  // Goes on at this byte, wherever in an event that is: with the next whole one.
+  void seek(std::uint64_t offset);
+
   // What was skipped up to now, in order; of very many only the first are listed, but all counted.
   [[nodiscard]] const std::vector<Damage>& damage() const { return damage_; }
   [[nodiscard]] std::uint64_t damages() const { return damages_; }
@@ -73,5 +76,9 @@ class LogReader {
   std::uint64_t damages_ = 0;
   std::uint64_t damaged_bytes_ = 0;
 };
+
+// Where the last whole event of a log ends; found from the log's end, of which no more is read than
+// that takes. 0 when there is none.
+[[nodiscard]] Result<std::uint64_t> endOfLastEvent(const std::filesystem::path& file);
 
 }  // namespace waymark::eventlog

@@ -51,6 +51,7 @@ Status LogWriter::put(std::span<const std::uint8_t> bytes) {
     if (block_.size() < kBlockBytes) continue;
     if (Status written = writeBlock(); !written) return written;
     whole_end_ = event_begin_;
+    whole_events_ = events_;
     block_begin_ += kBlockBytes;
     block_.clear();
   }
@@ -64,6 +65,7 @@ Status LogWriter::writeBlock() {
     const ssize_t count = pwrite(fd_.get(), block_.data() + done, block_.size() - done,
                                  static_cast<off_t>(block_begin_ + done));
     if (count < 0 && errno == EINTR) continue;
+    if (count == 0) errno = EIO;  // nothing of it, and no reason
     if (count <= 0) return fail();
     done += static_cast<std::size_t>(count);
   }
@@ -75,10 +77,12 @@ Status LogWriter::flush() {
   if (Status written = writeBlock(); !written) return written;
   if (fdatasync(fd_.get()) != 0) return fail();
   whole_end_ = bytes();
+  whole_events_ = events_;
   return success();
 }
 
 Error LogWriter::fail() {
+  const int cause = errno;
   Error error{file_.string() + ": byte " + std::to_string(block_begin_) +
               ": cannot be written: " + systemReason()};
   // A reader would find the end all the same; others do not.
@@ -86,6 +90,7 @@ Error LogWriter::fail() {
     error.message += ", nor cut to its last whole event: " + systemReason();
   }
   fd_ = UniqueFd();
+  errno = cause;
   return error;
 }
 

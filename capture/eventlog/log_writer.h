@@ -18,7 +18,8 @@ class LogWriter {
   // Of the writes to the disk, and where they begin.
   static constexpr std::size_t kBlockBytes = std::size_t{1} << 20U;
 
-  // The file must not be there yet. Errors name it and the reason.
+  // The file must not be there yet. Errors name it and the reason, which after this and the other
+  // calls is in errno, too.
   [[nodiscard]] static Result<LogWriter> create(const std::filesystem::path& file);
   LogWriter(LogWriter&&) = default;
   LogWriter& operator=(LogWriter&&) = default;
@@ -35,6 +36,10 @@ class LogWriter {
   [[nodiscard]] const std::filesystem::path& file() const { return file_; }
   [[nodiscard]] std::uint64_t bytes() const { return block_begin_ + block_.size(); }
   [[nodiscard]] std::int64_t events() const { return events_; }
+  // Of the file, what ends with a whole event that the system has taken. After an error that is all
+  // there is.
+  [[nodiscard]] std::uint64_t wholeBytes() const { return whole_end_; }
+  [[nodiscard]] std::int64_t wholeEvents() const { return whole_events_; }
 
  private:
   LogWriter(std::filesystem::path file, UniqueFd fd);
@@ -47,6 +52,7 @@ class LogWriter {
   std::vector<std::uint8_t> block_;  // what is not in the file yet, or not all of it
   std::uint64_t block_begin_ = 0;    // where it goes, a multiple of kBlockBytes
   std::uint64_t whole_end_ = 0;      // in the file, the end of the last whole event
+  std::int64_t whole_events_ = 0;    // as far as that
   std::uint64_t event_begin_ = 0;    // of the event being added
   std::int64_t events_ = 0;
 };

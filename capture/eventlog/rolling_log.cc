@@ -1,13 +1,14 @@
 #include "capture/eventlog/rolling_log.h"
 
 #include <algorithm>
+#include <cerrno>
 #include <utility>
 
 #include <sys/statvfs.h>
+#include <unistd.h>
 
 #include "base/system_reason.h"
 #include "capture/eventlog/log_reader.h"
-#include "capture/eventlog/recording_name.h"
 
 namespace waymark::eventlog {
 namespace {
@@ -28,106 +29,128 @@ Result<RollingLog> RollingLog::open(const RollingOptions& options) {
     return Error{options.directory.string() + ": cannot be made: " + error.message()};
   }
   RollingLog log(options);
-  if (const Status repaired = log.repairNewest(); !repaired) return repaired.error();
+  log.repaired_ = log.repairNewest();
   return log;
 }
 
-Status RollingLog::repairNewest() {
+// What became of it. A log that cannot be cut is no reason not to write others.
+std::string RollingLog::repairNewest() const {
   const std::vector<OldFile> old = files();
-  if (old.empty()) return success();
+  if (old.empty()) return "";
   const fs::path& newest = old.back().path;
-  Result<LogReader> reader = LogReader::open(newest);
-  if (!reader) return reader.error();
-  for (;;) {
-    const Result<std::optional<Event>> event = reader->next();
-    if (!event) return event.error();
-    if (!*event) break;
-  }
-  const std::uint64_t torn = reader->size() - reader->endOfLast();
-  if (torn == 0) return success();
+  const Result<std::uint64_t> end = endOfLastEvent(newest);
+  if (!end) return end.error().message;
+  const std::uint64_t torn = old.back().bytes - std::min(*end, old.back().bytes);
+  if (torn == 0) return "";
   std::error_code error;
-  fs::resize_file(newest, reader->endOfLast(), error);
-  if (error) return Error{newest.string() + ": cannot be cut: " + error.message()};
-  repaired_ = newest.string() + ": cut off the last " + std::to_string(torn) +
-              " bytes, which were no whole event";
-  return success();
+  fs::resize_file(newest, *end, error);
+  if (error) return newest.string() + ": cannot be cut: " + error.message();
+  return newest.string() + ": cut off the last " + std::to_string(torn) +
+         " bytes, which were no whole event";
 }
 
-// Names begin with the time, so that their order is that of time.
+// In the order in which they were made. What has no name that we give, or is a link, is not ours.
 std::vector<RollingLog::OldFile> RollingLog::files() const {
   std::vector<OldFile> all;
   std::error_code error;
   for (const fs::directory_entry& entry : fs::directory_iterator(options_.directory, error)) {
-    const std::string name = entry.path().filename();
-    const bool ours = name.starts_with(options_.prefix + "-") && name.ends_with(kExtension) &&
-                      entry.is_regular_file(error);
-    if (!ours) continue;
+    std::optional<FileAge> age = fileAge(options_.prefix, entry.path().filename().native());
+    if (!age || entry.symlink_status(error).type() != fs::file_type::regular) continue;
     const std::uintmax_t bytes = entry.file_size(error);
-    all.push_back({entry.path(), error ? 0 : bytes});
+    all.push_back({entry.path(), *std::move(age), error ? 0 : bytes});
   }
-  std::ranges::sort(all, {}, [](const OldFile& file) { return file.path.native(); });
+  std::ranges::sort(all, {}, &OldFile::age);
   return all;
 }
 
 void RollingLog::append(std::int64_t utime, std::string_view channel,
                         std::span<const std::uint8_t> data, std::int64_t monotonic_ns) {
-  if (unchecked_ > kCheckBytes) checkDisk(monotonic_ns);
-  if (state() == State::kRecording && writer_ && fileIsFull(monotonic_ns, data.size())) finish();
-  if (state() == State::kRecording && !writer_) {
-    if (const Status begun = begin(utime, monotonic_ns); !begun) pause(begun.error().message);
+  now_ns_ = monotonic_ns;
+  if (unchecked_ > kCheckBytes) checkDisk();
+  if (state() == State::kRecording && writer_ && fileIsFull(data.size())) {
+    finish();
   }
-  if (state() == State::kPaused) {
+  const bool may_begin = state() == State::kRecording || pause_.over;
+  const bool first = !writer_;
+  if (first && (!may_begin || !begin(utime))) {
     ++counters_.lost;
     return;
   }
   const std::uint64_t before = writer_->bytes();
-  if (const Status added = writer_->append(utime, channel, data); !added) {
+  Status added = writer_->append(utime, channel, data);
+  // What lets us make a file and put nothing into it is found here, before anybody is told that it
+  // records.
+  if (!added) {
     ++counters_.lost;
-    pause(added.error().message);
+  } else if (first) {
+    added = writer_->flush();
+  }
+  if (!added) {
+    pauseByError();
     return;
   }
+  if (first) noteBegun();
   ++counters_.events;
   counters_.bytes += writer_->bytes() - before;
   unchecked_ += writer_->bytes() - before;
 }
 
-bool RollingLog::fileIsFull(std::int64_t monotonic_ns, std::size_t more) const {
+bool RollingLog::fileIsFull(std::size_t more) const {
   return writer_->bytes() + more > options_.file_bytes ||
-         monotonic_ns - begun_ns_ > options_.file_s * 1000 * kMs_ns;
+         now_ns_ - begun_ns_ > options_.file_s * 1000 * kMs_ns;
 }
 
-Status RollingLog::begin(std::int64_t utime, std::int64_t monotonic_ns) {
-  checkDisk(monotonic_ns);
-  if (state() == State::kPaused) return Error{reason_};
+// The next file. False when it pauses, or goes on to.
+bool RollingLog::begin(std::int64_t utime) {
+  pause_.over = false;
+  if (!hasRoom()) return false;
   makeRoom();
+  if (const Status begun = createFile(utime); !begun) {
+    pauseByError();
+    return false;
+  }
+  begun_ns_ = now_ns_;
+  flush_ns_ = now_ns_ + options_.flush_ms * kMs_ns;
+  return true;
+}
+
+// Its first event is on the disk.
+void RollingLog::noteBegun() {
+  if (state() == State::kPaused) recording_since_ns_ = now_ns_;
+  pause_ = {};
+  ++counters_.files;
+}
+
+// After an error errno tells of it.
+Status RollingLog::createFile(std::int64_t utime) {
   if (recording_.empty() || number_ == kMaxFiles) {
-    recording_ = recordingName(options_.prefix, utime);
+    const std::vector<OldFile> old = files();
+    const auto newest = old.empty() ? std::nullopt : std::optional(old.back().age);
+    recording_ = nextRecording(options_.prefix, utime, newest);
     number_ = 0;
   }
-  Error error;
+  Error error{recording_ + ": has too many files"};
   // A number that is taken is one of another recording that began at this moment.
   for (; number_ < kMaxFiles; ++number_) {
-    const fs::path file = options_.directory / fileName(recording_, number_);
-    Result<LogWriter> created = LogWriter::create(file);
+    Result<LogWriter> created =
+        LogWriter::create(options_.directory / fileName(recording_, number_));
     if (created) {
       writer_.emplace(std::move(created).value());
-      begun_ns_ = monotonic_ns;
-      flush_ns_ = monotonic_ns + options_.flush_ms * kMs_ns;
-      ++counters_.files;
-      ++number_;
-      return writePreamble(utime);
+      return beginFile(utime);
     }
     error = created.error();
-    std::error_code exists;
-    if (!fs::exists(file, exists)) break;
+    if (errno != EEXIST) break;
   }
   return error;
 }
 
-Status RollingLog::writePreamble(std::int64_t utime) {
+Status RollingLog::beginFile(std::int64_t utime) {
+  ++number_;
+  preamble_bytes_ = ~std::uint64_t{0};  // until it is whole
   for (const RollingOptions::Preamble& event : options_.preamble) {
     if (Status added = writer_->append(utime, event.channel, event.data); !added) return added;
   }
+  preamble_bytes_ = writer_->bytes();
   return success();
 }
 
@@ -152,43 +175,90 @@ std::optional<std::uint64_t> RollingLog::freeBytes() const {
   return static_cast<std::uint64_t>(status.f_bavail) * status.f_frsize;
 }
 
-void RollingLog::checkDisk(std::int64_t monotonic_ns) {
-  check_ns_ = monotonic_ns + kCheck_ns;
+// After a pause for want of room.
+std::uint64_t RollingLog::bytesToGoOn() const {
+  return std::max(options_.keep_free_bytes + options_.keep_free_bytes / 2, options_.room_bytes);
+}
+
+void RollingLog::checkDisk() {
+  check_ns_ = now_ns_ + kCheck_ns;
   unchecked_ = 0;
+  if (state() == State::kPaused && !pause_.for_want_of_room) {
+    pause_.over = now_ns_ >= pause_.retry_ns;
+  } else if (hasRoom() && state() == State::kPaused) {
+    pause_.over = freeBytes().value_or(0) >= bytesToGoOn();
+  }
+}
+
+// False when it pauses for want of it.
+bool RollingLog::hasRoom() {
   const std::optional<std::uint64_t> free = freeBytes();
-  if (!free) {
-    pause(options_.directory.string() + ": " + systemReason());
-    return;
+  if (free && *free >= options_.keep_free_bytes) return true;
+  free ? pauseForRoom(*free) : pauseByError();
+  return false;
+}
+
+// The number of free bytes as it was first: else there would be news with every file that others
+// write.
+void RollingLog::pauseForRoom(std::uint64_t free) {
+  pause_.over = false;
+  if (pause_.for_want_of_room) return;
+  pause(options_.directory.string() + ": the disk is full: " + std::to_string(free >> 20U) +
+        " MiB are free, and " + std::to_string(options_.keep_free_bytes >> 20U) +
+        " are left to others");
+  pause_.for_want_of_room = true;
+}
+
+// By errno. No room is what more room ends, whatever the system calls it: a quota may look like it,
+// and missing inodes do not.
+void RollingLog::pauseByError() {
+  const std::string reason = options_.directory.string() + ": cannot be written: " + systemReason();
+  const std::optional<std::uint64_t> free = freeBytes();
+  // Once it has gone well for long enough the next trouble is another one.
+  const std::int64_t went_well_ns = now_ns_ - recording_since_ns_;
+  if (state() == State::kRecording && went_well_ns > options_.retry_max_s * 1000 * kMs_ns) {
+    retry_s_ = 0;
   }
-  const std::uint64_t keep = options_.keep_free_bytes;
-  if (*free < keep) {
-    pause(options_.directory.string() + ": the disk is full: " + std::to_string(*free >> 20U) +
-          " MiB are free, and " + std::to_string(keep >> 20U) + " are left to others");
-  } else if (state() == State::kPaused && *free >= keep + keep / 2) {
-    reason_.clear();
-  }
+  pause(reason);
+  pause_.over = false;
+  pause_.for_want_of_room = free && *free < bytesToGoOn();
+  if (pause_.for_want_of_room) return;
+  retry_s_ = std::clamp(2 * retry_s_, options_.retry_first_s, options_.retry_max_s);
+  pause_.retry_ns = now_ns_ + retry_s_ * 1000 * kMs_ns;
 }
 
 void RollingLog::pause(std::string reason) {
   if (state() == State::kRecording) ++counters_.pauses;
-  reason_ = std::move(reason);
+  pause_.reason = std::move(reason);
+  leaveFile();
+}
+
+// What there is of the file is worth keeping, unless it is nothing; that it cannot be written any
+// more is known.
+void RollingLog::leaveFile() {
   if (!writer_) return;
-  // What there is of the file is worth keeping; that it cannot be written any more is known.
   (void)writer_->flush();
+  const auto preamble = static_cast<std::int64_t>(options_.preamble.size());
+  const std::int64_t unwritten = writer_->events() - std::max(writer_->wholeEvents(), preamble);
+  counters_.lost += static_cast<std::uint64_t>(std::max<std::int64_t>(unwritten, 0));
+  if (writer_->wholeBytes() <= preamble_bytes_ && ::unlink(writer_->file().c_str()) == 0) {
+    --number_;  // those of a recording follow one another
+  }
   writer_.reset();
 }
 
 void RollingLog::maintain(std::int64_t monotonic_ns) {
-  if (monotonic_ns >= check_ns_) checkDisk(monotonic_ns);
-  if (!writer_ || monotonic_ns < flush_ns_) return;
-  flush_ns_ = monotonic_ns + options_.flush_ms * kMs_ns;
-  if (const Status flushed = writer_->flush(); !flushed) pause(flushed.error().message);
+  now_ns_ = monotonic_ns;
+  if (now_ns_ >= check_ns_) checkDisk();
+  if (!writer_ || now_ns_ < flush_ns_) return;
+  flush_ns_ = now_ns_ + options_.flush_ms * kMs_ns;
+  if (const Status flushed = writer_->flush(); !flushed) pauseByError();
 }
 
 void RollingLog::finish() {
   if (!writer_) return;
   if (const Status flushed = writer_->flush(); !flushed) {
-    pause(flushed.error().message);
+    pauseByError();
     return;
   }
   writer_.reset();

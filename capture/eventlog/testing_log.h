@@ -79,6 +79,47 @@ inline ReadBack readBack(const std::filesystem::path& file) {
   return result;
 }
 
+// Events of zeros in a file with holes, which takes little place on the disk.
+inline void writeSparseLog(const std::filesystem::path& file, int count, std::size_t data_bytes) {
+  std::ofstream out(file, std::ios::binary);
+  const std::string channel = "IMAGE";
+  std::uint64_t begin = 0;
+  for (int i = 0; i < count; ++i) {
+    Bytes header(kHeaderBytes);
+    writeHeader({.number = i,
+                 .utime = 1'000'000 + i,
+                 .channel_bytes = channel.size(),
+                 .data_bytes = data_bytes},
+                header);
+    out.seekp(static_cast<std::streamoff>(begin));
+    out.write(reinterpret_cast<const char*>(header.data()), kHeaderBytes);
+    out << channel;
+    begin += kHeaderBytes + channel.size() + data_bytes;
+  }
+  out.close();
+  std::filesystem::resize_file(file, begin);
+}
+
+// Whole events; there must be no damage.
+inline std::uint64_t countEvents(const std::filesystem::path& file) {
+  Result<LogReader> reader = LogReader::open(file);
+  EXPECT_TRUE(reader.ok()) << reader.error().message;
+  std::uint64_t count = 0;
+  while (reader->next().value()) ++count;
+  EXPECT_EQ(reader->damages(), 0U) << file;
+  return count;
+}
+
+// By this process up to now.
+inline std::uint64_t bytesRead() {
+  std::ifstream io("/proc/self/io");
+  std::string name;
+  std::uint64_t bytes = 0;
+  io >> name >> bytes;
+  EXPECT_EQ(name, "rchar:");
+  return bytes;
+}
+
 // 0, 1, ... count - 1 without those of `without`.
 inline std::vector<std::int64_t> numbersWithout(int count,
                                                 const std::vector<std::int64_t>& without) {

@@ -178,7 +178,9 @@ ControlServer::Place ControlServer::findPlace(std::int64_t now_ns) {
 
 void ControlServer::attendClients(std::int64_t now_ns) {
   for (auto client = clients_.begin(); client != clients_.end();) {
+    const bool waited = client->second.waits;
     const bool stays = attend(client->first, &client->second, now_ns);
+    if (waited && !stays && gone_) gone_(client->first);
     client = stays ? std::next(client) : clients_.erase(client);
   }
 }

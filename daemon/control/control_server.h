@@ -58,6 +58,8 @@ class ControlServer {
   ~ControlServer();  // removes the file
 
   void setHandler(Handler handler) { handler_ = std::move(handler); }
+  // Called within serve() with each client that has hung up while it waited for its answer.
+  void setGoneHandler(std::function<void(ClientId)> gone) { gone_ = std::move(gone); }
   [[nodiscard]] const std::filesystem::path& path() const { return path_; }
 
   // Readable when there is something to serve.
@@ -107,6 +109,7 @@ class ControlServer {
   const UniqueFd events_;  // an epoll instance
   const UniqueFd again_;   // an eventfd: requests are left that were read already
   Handler handler_;
+  std::function<void(ClientId)> gone_;
   const ino_t inode_;
   std::map<ClientId, Client> clients_;
   ClientId next_id_ = 0;

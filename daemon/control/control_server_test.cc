@@ -255,5 +255,24 @@ TEST_F(ControlServerTest, ARoundIsBounded) {
   EXPECT_EQ(answers.size(), std::string("re g\n").size() * 1000) << "none is forgotten";
 }
 
+// What nobody waits for any more need not be done.
+TEST_F(ControlServerTest, WhoHangsUpWhileHeWaitsIsTold) {
+  open({});
+  std::vector<ControlServer::ClientId> gone;
+  server_->setGoneHandler([&](ControlServer::ClientId client) { gone.push_back(client); });
+  TestClient hasty(path_);
+  TestClient served(path_);
+  const TestClient patient(path_);
+  hasty.send("later\n");
+  patient.send("later\n");
+  served.send("a\n");
+  serve();
+  ASSERT_EQ(waiting_.size(), 2U);
+  hasty.leave();
+  served.leave();
+  serve();
+  EXPECT_EQ(gone, std::vector<ControlServer::ClientId>{waiting_[0]});
+}
+
 }  // namespace
 }  // namespace waymark::daemon

@@ -90,19 +90,19 @@ Controller::Reply Controller::execute(const StatusRequest& /*request*/,
 
 Controller::Reply Controller::execute(const SaveMapRequest& /*request*/,
                                       ControlServer::ClientId client) {
-  parts_.maps.save(answerLater(client));
+  parts_.maps.save(answerLater(client), client);
   return {};
 }
 
 Controller::Reply Controller::execute(const LoadMapRequest& request,
                                       ControlServer::ClientId client) {
-  parts_.maps.load(request.file, answerLater(client));
+  parts_.maps.load(request.file, answerLater(client), client);
   return {};
 }
 
 Controller::Reply Controller::execute(const ResetRequest& /*request*/,
                                       ControlServer::ClientId client) {
-  parts_.maps.reset(answerLater(client));
+  parts_.maps.reset(answerLater(client), client);
   return {};
 }
 

@@ -106,6 +106,8 @@ Result<CameraSetup> prepareSource(const Configuration::Camera& camera, bool keep
   };
   if (capture::isCamera(camera.source)) {
     setup.opener.comes_back = true;
+    setup.opener.rate_hz = camera.rate_hz;
+    setup.opener.exposure_s = camera.device.exposure_s.value_or(0.0);
     setup.opener.device_came = capture::monitorHotplug(camera.source);
   }
   return setup;

@@ -39,6 +39,8 @@ Status CaptureLoop::open() {
   sequence_offset_ = next_sequence_;
   if (opened_before_) status_.countReopened();
   opened_before_ = true;
+  silence_ = std::max(silenceLimit(opener_.rate_hz, opener_.exposure_s, options_.silence),
+                      silenceLimit(source_->info().rate_hz, 0.0, options_.silence));
   log_.info("camera: " + source_->info().description);
   for (const std::string& warning : source_->info().warnings) log_.warning("camera: " + warning);
   status_.setRate(source_->info().rate_hz);
@@ -47,9 +49,9 @@ Status CaptureLoop::open() {
   return success();
 }
 
-// A device is given up when it is silent for longer than any camera's rate explains.
+// A device is given up when it is silent for longer than its rate and exposure explain.
 bool CaptureLoop::silentTooLong(steady_clock::time_point last_frame) const {
-  return opener_.comes_back && steady_clock::now() - last_frame > options_.silence;
+  return opener_.comes_back && steady_clock::now() - last_frame > silence_;
 }
 
 void CaptureLoop::readUntilTrouble() {
@@ -69,8 +71,8 @@ void CaptureLoop::readUntilTrouble() {
       return;
     } else if (silentTooLong(last_frame)) {
       status_.countSilence();
-      lose({source_->info().description + ": no frame for " +
-            std::to_string(options_.silence.count()) + " ms"});
+      lose({source_->info().description + ": no frame for " + std::to_string(silence_.count()) +
+            " ms"});
       return;
     }
   }

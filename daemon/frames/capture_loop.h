@@ -10,6 +10,7 @@
 
 #include "base/result.h"
 #include "capture/frame_source.h"
+#include "capture/silence_limit.h"
 #include "daemon/frames/camera_status.h"
 #include "daemon/frames/newest_wins_queue.h"
 #include "daemon/system/log.h"
@@ -24,13 +25,16 @@ struct SourceOpener {
   bool comes_back = false;  // a device may fail and return; a recording will not get better
   // Tells that a device has come, which ends a pause; null where nobody knows.
   std::function<bool()> device_came = nullptr;
+  // As configured, 0 where it is not: how slowly frames may come.
+  double rate_hz = 0.0;
+  double exposure_s = 0.0;
 };
 
 class CaptureLoop {
  public:
   struct Options {
     std::chrono::milliseconds read_timeout{100};  // how soon a stop is noticed
-    std::chrono::milliseconds silence{2000};      // a device silent for so long has failed
+    capture::SilenceOptions silence = {};         // a device silent for so long has failed
     std::chrono::milliseconds first_pause{100};   // before opening again; doubles up to
     std::chrono::milliseconds max_pause{5000};
   };
@@ -73,8 +77,9 @@ class CaptureLoop {
   FrameTap tap_;
 
   std::unique_ptr<capture::FrameSource> source_;
-  capture::SourceCounters earlier_;  // of the sources before this one
-  std::uint64_t next_sequence_ = 0;  // goes on counting when the camera is opened again
+  std::chrono::milliseconds silence_{0};  // of the source, then it has failed
+  capture::SourceCounters earlier_;       // of the sources before this one
+  std::uint64_t next_sequence_ = 0;       // goes on counting when the camera is opened again
   std::uint64_t sequence_offset_ = 0;
   bool opened_before_ = false;
   std::chrono::milliseconds pause_;

@@ -18,8 +18,9 @@ enum class Step { kFrame, kTimeOut, kEnd, kError };
 // Plays a script. After its last step it is silent.
 class ScriptedSource final : public capture::FrameSource {
  public:
-  explicit ScriptedSource(std::deque<Step> steps) : steps_(std::move(steps)) {
+  explicit ScriptedSource(std::deque<Step> steps, double rate_hz = 0.0) : steps_(std::move(steps)) {
     info_.description = "scripted";
+    info_.rate_hz = rate_hz;
     info_.live = true;
   }
 
@@ -69,7 +70,7 @@ SourceOpener scripts(std::deque<std::deque<Step>> list, bool comes_back) {
 }
 
 constexpr CaptureLoop::Options kQuick{.read_timeout = milliseconds(2),
-                                      .silence = milliseconds(20),
+                                      .silence = {.least = milliseconds(20)},
                                       .first_pause = milliseconds(1),
                                       .max_pause = milliseconds(4)};
 
@@ -171,6 +172,48 @@ TEST_F(CaptureLoopTest, ACameraThatFallsSilentIsCounted) {
   loop.run();
   consumer.join();
   EXPECT_EQ(status_.silences(), 1u);
+}
+
+// Each by itself: the rate asked for, the exposure asked for, the rate that the camera has.
+TEST_F(CaptureLoopTest, ASlowCameraIsNotSilent) {
+  std::deque<Step> slow(60, Step::kTimeOut);  // 120 ms, and more
+  slow.push_front(Step::kFrame);
+  slow.push_back(Step::kEnd);
+  const auto silences = [&](double asked_hz, double exposure_s, double rate_hz) {
+    CameraStatus status;
+    FrameQueue frames{16};
+    int opened = 0;
+    CaptureLoop loop({.open = [&]() -> Result<std::unique_ptr<capture::FrameSource>> {
+                        const std::deque<Step> end = {Step::kEnd};
+                        return std::unique_ptr<capture::FrameSource>(
+                            std::make_unique<ScriptedSource>(opened++ == 0 ? slow : end, rate_hz));
+                      },
+                      .comes_back = true,
+                      .rate_hz = asked_hz,
+                      .exposure_s = exposure_s},
+                     frames, status, log_, kQuick);
+    std::thread consumer([&] {
+      while (frames.pop()) {
+      }
+    });
+    loop.run();
+    consumer.join();
+    return status.silences();
+  };
+  EXPECT_EQ(silences(0.0, 0.0, 0.0), 1U);
+  EXPECT_EQ(silences(100.0, 0.001, 150.0), 1U);
+  EXPECT_EQ(silences(0.1, 0.0, 0.0), 0U);
+  EXPECT_EQ(silences(0.0, 10.0, 150.0), 0U);
+  EXPECT_EQ(silences(0.0, 0.0, 0.1), 0U);
+}
+
+TEST(SilenceLimit, FollowsTheSlowest) {
+  using capture::silenceLimit;
+  EXPECT_EQ(silenceLimit(0.0, 0.0, {}), milliseconds(2000));
+  EXPECT_EQ(silenceLimit(30.0, 0.01, {}), milliseconds(2000));
+  EXPECT_EQ(silenceLimit(0.1, 0.01, {}), milliseconds(30'000));
+  EXPECT_EQ(silenceLimit(30.0, 10.0, {}), milliseconds(30'000));
+  EXPECT_EQ(silenceLimit(1e-300, 0.0, {}), milliseconds(3'600'000));
 }
 
 TEST_F(CaptureLoopTest, StopsWhileTheCameraIsAway) {

@@ -1,8 +1,12 @@
 #include "daemon/maps/map_keeper.h"
 
+#include <cerrno>
+#include <cstdlib>
 #include <filesystem>
 #include <system_error>
 #include <utility>
+
+#include <unistd.h>
 
 #include "io/maps/map_file.h"
 #include "io/maps/old_map.h"
@@ -19,13 +23,31 @@ std::string contents(const slam::Map& map) {
          std::to_string(map.keyframes().size()) + " keyframes";
 }
 
+fs::path directoryOf(const fs::path& file) {
+  return file.has_parent_path() ? file.parent_path() : fs::path(".");
+}
+
 Status checkWritable(const fs::path& file) {
   if (file.empty()) return success();
   std::error_code error;
   if (fs::is_directory(file, error)) return Error{file.string() + ": is a directory"};
-  const fs::path directory = file.has_parent_path() ? file.parent_path() : fs::path(".");
-  const auto output = io::OutputDirectory::open(directory);
+  const auto output = io::OutputDirectory::open(directoryOf(file));
   return output ? success() : Status(output.error());
+}
+
+// Is it the disk, and not the configuration, that keeps us from writing there? It is read-only
+// since it was not unmounted, or full, or failing, and may be better tomorrow.
+bool diskRefuses(fs::path directory) {
+  std::error_code error;
+  while (!directory.empty() && !fs::is_directory(directory, error)) {
+    directory = directory.parent_path();
+  }
+  std::string probe = ((directory.empty() ? "." : directory) / ".waymark-XXXXXX").string();
+  if (::mkdtemp(probe.data()) != nullptr) {
+    ::rmdir(probe.c_str());
+    return false;
+  }
+  return errno == EROFS || errno == ENOSPC || errno == EDQUOT || errno == EIO;
 }
 
 // A file that can be read to its end as a map, whatever is in it.
@@ -45,6 +67,21 @@ Result<StartMap> readWithPrevious(const fs::path& file, const io::SlamSettings& 
   return previous;
 }
 
+Result<StartMap> readConfiguredMap(const io::SlamSettings& settings,
+                                   const slam::Calibration& camera) {
+  const io::MapSettings& map = settings.map;
+  StartMap start;
+  start.options = settings.options;
+  if (map.in.empty()) return start;
+  std::error_code error;
+  if (map.in == map.out && !fs::exists(map.in, error) && !error &&
+      !fs::exists(previousOf(map.in), error)) {
+    start.notes.push_back(map.in.string() + ": not there yet; beginning a new map");
+    return start;
+  }
+  return readWithPrevious(map.in, settings, camera);
+}
+
 }  // namespace
 
 std::unique_ptr<slam::Slam> makeSlam(const io::SlamSettings& settings,
@@ -57,19 +94,17 @@ std::unique_ptr<slam::Slam> makeSlam(const io::SlamSettings& settings,
 
 fs::path previousOf(const fs::path& map_file) { return map_file.string() + ".previous"; }
 
+fs::path replacedOf(const fs::path& map_file) { return map_file.string() + ".replaced"; }
+
 Result<StartMap> readStartMap(const io::SlamSettings& settings, const slam::Calibration& camera) {
-  const io::MapSettings& map = settings.map;
-  if (const Status writable = checkWritable(map.out); !writable) return writable.error();
-  StartMap start;
-  start.options = settings.options;
-  if (map.in.empty()) return start;
-  std::error_code error;
-  if (map.in == map.out && !fs::exists(map.in, error) && !error &&
-      !fs::exists(previousOf(map.in), error)) {
-    start.notes.push_back(map.in.string() + ": not there yet; beginning a new map");
-    return start;
-  }
-  return readWithPrevious(map.in, settings, camera);
+  const Status writable = checkWritable(settings.map.out);
+  if (!writable && !diskRefuses(directoryOf(settings.map.out))) return writable.error();
+  Result<StartMap> start = readConfiguredMap(settings, camera);
+  if (!start || writable) return start;
+  start->not_writable = writable.error().message;
+  start->warnings.push_back(start->not_writable +
+                            "; the map will be saved when it can be, poses come all the same");
+  return start;
 }
 
 Result<StartMap> readOtherMap(const fs::path& file, const io::SlamSettings& settings,
@@ -93,7 +128,7 @@ Result<std::string> writeMap(const io::SlamSettings& settings, const slam::Map& 
                              const slam::Calibration& camera, double readout_s) {
   const fs::path& file = settings.map.out;
   const std::string text = io::formatMap(map, camera, readout_s);
-  const Result<std::string> before = io::readTextFile(file);
+  const Result<std::string> before = io::readTextFile(file, io::kMaxMapBytes);
   if (before && *before == text) return file.string() + ": is as it was, " + contents(map);
   // What is no whole map must not take the place of one that may be.
   const bool keep = before && io::parseMap(*before, file).ok();

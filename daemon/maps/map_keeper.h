@@ -19,6 +19,7 @@ struct StartMap {
   std::string text;                   // of its file, byte for byte
   std::vector<std::string> warnings;  // for the log
   std::vector<std::string> notes;     // likewise: what came from where
+  std::string not_writable;           // why slam.map_out is not, for now; usually empty
   slam::Options options;              // with what the map knows of the camera
 };
 
@@ -30,10 +31,14 @@ struct StartMap {
 // The map before the one in a file, kept by saving.
 [[nodiscard]] std::filesystem::path previousOf(const std::filesystem::path& map_file);
 
+// The map that a reset or load-map has replaced; kept beside the file.
+[[nodiscard]] std::filesystem::path replacedOf(const std::filesystem::path& map_file);
+
 // Reads slam.map_in, checks that it fits the markers and the camera, and that slam.map_out can be
-// written. Where the file is damaged or missing and the one before it is good, that one is taken. A
-// missing file is an error, except where map_in and map_out are the same: then this is the first
-// start.
+// written: a wrong place is an error; a disk that is read-only, full or faulty is a warning, as it
+// is no reason not to localize. Where the file is damaged or missing and the one before it is good,
+// that one is taken. A missing file is an error, except where map_in and map_out are the same: then
+// this is the first start.
 [[nodiscard]] Result<StartMap> readStartMap(const io::SlamSettings& settings,
                                             const slam::Calibration& camera);
 

@@ -9,10 +9,12 @@
 #include <vector>
 
 #include <gtest/gtest.h>
+#include <sys/mount.h>
 
 #include "io/maps/map_file.h"
 #include "io/text/text_file.h"
 #include "slam/testing/synthetic.h"
+#include "tests/small_disk.h"
 #include "tests/temporary_directory.h"
 
 namespace waymark::daemon {
@@ -174,6 +176,27 @@ TEST_F(MapKeeper, AMapThatIsAsItWasIsNotWrittenAgain) {
                 std::string::npos);
   });
   EXPECT_FALSE(std::filesystem::exists(previousOf(file_)));
+}
+
+// A disk that was not unmounted comes up read-only; the robot is to find its way all the same.
+TEST_F(MapKeeper, AReadOnlyDiskIsNoReasonNotToStart) {
+  const std::filesystem::path place = directory_ / "disk";
+  const waymark::testing::SmallDisk disk(place, "1m");
+  if (!disk) GTEST_SKIP() << "only root can mount a small file system";
+  settings_.map.in = settings_.map.out = place / "map.json";
+  run({}, [&](slam::Slam& slam) { (void)saved(slam); });
+  ASSERT_EQ(::mount("", place.c_str(), nullptr, MS_REMOUNT | MS_RDONLY, nullptr), 0);
+  const Result<StartMap> start = readStartMap(settings_, camera_);
+  ASSERT_TRUE(start) << start.error().message;
+  EXPECT_EQ(start->map.markers().size(), 8U);
+  EXPECT_NE(start->not_writable.find("Read-only file system"), std::string::npos)
+      << start->not_writable;
+  ASSERT_EQ(start->warnings.size(), 1U);
+  EXPECT_TRUE(start->warnings[0].starts_with(start->not_writable));
+  settings_.map.in = settings_.map.out = place / "new" / "map.json";
+  EXPECT_TRUE(readStartMap(settings_, camera_)) << "without a map, too";
+  ASSERT_EQ(::mount("", place.c_str(), nullptr, MS_REMOUNT, nullptr), 0);
+  EXPECT_EQ(readStartMap(settings_, camera_)->not_writable, "");
 }
 
 TEST_F(MapKeeper, WhatCannotBeReadOrWritten) {

@@ -5,6 +5,8 @@
 #include <utility>
 
 #include "base/clock.h"
+#include "io/maps/map_file.h"
+#include "io/text/text_file.h"
 #include "slam/final_map.h"
 
 namespace waymark::daemon {
@@ -17,25 +19,43 @@ const Error kStopping{"the daemon is stopping"};
 }  // namespace
 
 MapWorker::MapWorker(io::SlamSettings settings, const slam::Calibration& camera,
-                     SlamRequests& requests, const SlamOutput& output, const Log& log)
+                     SlamRequests& requests, const SlamOutput& output, const Log& log,
+                     const Options& options)
     : settings_(std::move(settings)),
       camera_(camera),
       slam_requests_(requests),
       output_(output),
       log_(log),
+      options_(options),
       interval_s_(settings_.map.save_interval_s),
       last_attempt_(Clock::now()) {}
 
 void MapWorker::submit(Request request) {
+  Error reason = kStopping;
   {
     const std::lock_guard lock(mutex_);
-    if (!stop_) {
+    if (!stop_ && requests_.size() < options_.max_jobs) {
       requests_.push_back(std::move(request));
       wake_.notify_one();
       return;
     }
+    if (!stop_) {
+      reason = {std::to_string(requests_.size()) + " others wait already; try again later"};
+      rejected_jobs_.fetch_add(1, std::memory_order_relaxed);
+    }
   }
-  request.done(kStopping);
+  request.done(reason);
+}
+
+void MapWorker::forget(std::uint64_t owner) {
+  const std::lock_guard lock(mutex_);
+  std::erase_if(requests_, [&](const Request& request) { return request.owner == owner; });
+}
+
+void MapWorker::noteNotWritable(const std::string& reason) {
+  save_failures_.fetch_add(1, std::memory_order_relaxed);
+  const std::lock_guard lock(mutex_);
+  last_save_ = reason;
 }
 
 void MapWorker::setSaveInterval(int seconds) {
@@ -177,7 +197,21 @@ Result<std::string> MapWorker::goOnWith(StartMap start) {
   }
   for (const std::string& warning : start.warnings) log_.warning(warning);
   for (const std::string& note : start.notes) log_.info(note);
-  return start.notes.back();
+  return start.notes.back() + keepReplaced(*slam);
+}
+
+// One generation. The file of the map itself stays as it is, and the two saves after this one would
+// take it and its previous one away. As it was live: optimizing it would take long, and loading it
+// does not need that. Returns what to say of it.
+std::string MapWorker::keepReplaced(const slam::Slam& before) {
+  if (settings_.map.out.empty() || settings_.map.localize_only || before.map().empty()) return "";
+  const fs::path file = replacedOf(settings_.map.out);
+  const Status written =
+      io::writeTextFile(file, io::formatMap(before.map(), camera_, before.readout_s()));
+  if (written) return "; the one before is in " + file.string();
+  log_.warning("the map before is not kept: " + written.error().message);
+  save_failures_.fetch_add(1, std::memory_order_relaxed);
+  return "; the one before is not kept: " + written.error().message;
 }
 
 void MapWorker::noteSave(const Result<std::string>& outcome, std::uint64_t revision) {
@@ -213,6 +247,7 @@ void MapWorker::reportCounters(const CounterSink& sink) const {
   sink("map.loads", loads_.load(std::memory_order_relaxed));
   sink("map.load_failures", load_failures_.load(std::memory_order_relaxed));
   sink("map.resets", resets_.load(std::memory_order_relaxed));
+  sink("map.jobs_refused", rejected_jobs_.load(std::memory_order_relaxed));
 }
 
 }  // namespace waymark::daemon

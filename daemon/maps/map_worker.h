@@ -5,6 +5,7 @@
 #include <atomic>
 #include <chrono>
 #include <condition_variable>
+#include <cstddef>
 #include <cstdint>
 #include <deque>
 #include <filesystem>
@@ -34,19 +35,35 @@ class MapWorker {
     bool changed = false;       // since then
   };
 
+  struct Options {
+    // That wait; who wants one more is refused. As many as there are places for clients.
+    std::size_t max_jobs = 16;
+  };
+
   MapWorker(io::SlamSettings settings, const slam::Calibration& camera, SlamRequests& requests,
-            const SlamOutput& output, const Log& log);
+            const SlamOutput& output, const Log& log, const Options& options);
+  MapWorker(io::SlamSettings settings, const slam::Calibration& camera, SlamRequests& requests,
+            const SlamOutput& output, const Log& log)
+      : MapWorker(std::move(settings), camera, requests, output, log, Options{}) {}
 
   // Told what came of a job, one line, on the worker's thread.
   using Done = std::function<void(const Result<std::string>&)>;
+  // Who wants it, so that it can be forgotten.
+  using Owner = std::optional<std::uint64_t>;
   // Any thread; one after the other. What fails leaves everything as it was.
-  void save(Done done) { submit({Job::kSave, {}, std::move(done)}); }
-  // Goes on with the map in the file; an empty name means that of the configuration.
-  void load(std::filesystem::path file, Done done) {
-    submit({Job::kLoad, std::move(file), std::move(done)});
+  void save(Done done, Owner owner = {}) { submit({Job::kSave, {}, std::move(done), owner}); }
+  // Goes on with the map in the file; an empty name means that of the configuration. The map that
+  // was is kept as replacedOf() slam.map_out.
+  void load(std::filesystem::path file, Done done, Owner owner = {}) {
+    submit({Job::kLoad, std::move(file), std::move(done), owner});
   }
-  // Begins a new map.
-  void reset(Done done) { submit({Job::kReset, {}, std::move(done)}); }
+  // Begins a new map; the one that was is kept likewise.
+  void reset(Done done, Owner owner = {}) { submit({Job::kReset, {}, std::move(done), owner}); }
+  // Any thread: jobs of this owner that wait are not done, and nobody is told.
+  void forget(std::uint64_t owner);
+
+  // Before run(): slam.map_out could not be written when the daemon started.
+  void noteNotWritable(const std::string& reason);
 
   // Any thread. 0: only when asked.
   void setSaveInterval(int seconds);
@@ -68,6 +85,7 @@ class MapWorker {
     Job job = Job::kSave;
     std::filesystem::path file;
     Done done;
+    Owner owner;
   };
   using Clock = std::chrono::steady_clock;
 
@@ -80,6 +98,7 @@ class MapWorker {
   [[nodiscard]] Result<std::string> loadNow(const std::filesystem::path& asked);
   [[nodiscard]] Result<std::string> resetNow();
   [[nodiscard]] Result<std::string> goOnWith(StartMap start);
+  [[nodiscard]] std::string keepReplaced(const slam::Slam& before);
   void noteSave(const Result<std::string>& outcome, std::uint64_t revision);
   // Since the last save, or the start. Precondition: the lock is held, or there is one thread.
   [[nodiscard]] bool changed() const;
@@ -89,6 +108,7 @@ class MapWorker {
   SlamRequests& slam_requests_;
   const SlamOutput& output_;
   const Log& log_;
+  const Options options_;
 
   mutable std::mutex mutex_;
   std::condition_variable wake_;
@@ -105,6 +125,7 @@ class MapWorker {
   std::atomic<std::uint64_t> loads_{0};
   std::atomic<std::uint64_t> load_failures_{0};
   std::atomic<std::uint64_t> resets_{0};
+  std::atomic<std::uint64_t> rejected_jobs_{0};
 };
 
 }  // namespace waymark::daemon

@@ -1,6 +1,8 @@
 #include "daemon/maps/map_worker.h"
 
+#include <atomic>
 #include <chrono>
+#include <cstdint>
 #include <filesystem>
 #include <functional>
 #include <future>
@@ -83,7 +85,7 @@ TEST_F(MapWorkerTest, SavesWhileTheLoopWaitsForFrames) {
 TEST_F(MapWorkerTest, AResetBeginsANewMapAndNoCounterGoesBack) {
   start(wallMap());
   const slam::Counters before = countersAfterAFrame();
-  EXPECT_EQ(reset(), "beginning a new map");
+  EXPECT_EQ(reset(), "beginning a new map; the one before is in " + file_.string() + ".replaced");
   EXPECT_TRUE(worker_->report().changed);
   const slam::Counters after = countersAfterAFrame();
   EXPECT_EQ(after.frames, before.frames + 1);
@@ -94,6 +96,70 @@ TEST_F(MapWorkerTest, AResetBeginsANewMapAndNoCounterGoesBack) {
   const MapSnapshot* told = output_.map.take();
   ASSERT_NE(told, nullptr) << "subscribers learn of it";
   EXPECT_TRUE(told->markers.empty());
+}
+
+// Two saves take away what was saved before; what was replaced is still there.
+TEST_F(MapWorkerTest, TheMapThatWasReplacedIsKept) {
+  const fs::path replaced = replacedOf(file_);
+  const fs::path other = directory_ / "other.json";
+  ASSERT_TRUE(io::writeTextFile(other, io::formatMap(wallMap(), camera_)));
+  start(wallMap());
+  (void)save();
+  (void)reset();
+  auto map = io::readMap(replaced);
+  ASSERT_TRUE(map) << map.error().message;
+  EXPECT_EQ(map->map.markers().size(), 8U);
+  const std::string first = *io::readTextFile(replaced);
+  EXPECT_EQ(reset(), "beginning a new map") << "there was none to keep";
+  EXPECT_EQ(load(other).find("the one before"), std::string::npos);
+  EXPECT_EQ(*io::readTextFile(replaced), first);
+  EXPECT_TRUE(load(other).ends_with("; the one before is in " + replaced.string()));
+  EXPECT_NE(*io::readTextFile(replaced), first);
+
+  fs::remove(replaced);
+  fs::create_directory(replaced);
+  EXPECT_NE(reset().find("beginning a new map; the one before is not kept: "), std::string::npos);
+  EXPECT_EQ(counters()["map.save_failures"], 1U);
+}
+
+TEST_F(MapWorkerTest, WhatIsTooLargeForAMapIsNotRead) {
+  start(wallMap());
+  const fs::path large = directory_ / "large.json";
+  ASSERT_TRUE(io::writeTextFile(large, "{"));
+  fs::resize_file(large, std::uintmax_t{3} << 30U);
+  EXPECT_EQ(load(large), "error: " + large.string() + ": is larger than 256 MiB");
+}
+
+// While one is done, so many wait, and whoever has gone leaves his place.
+TEST_F(MapWorkerTest, JobsThatWaitAreLimitedAndThoseOfOthersForgotten) {
+  start(wallMap());
+  std::promise<void> begun;
+  std::promise<void> go_on;
+  worker_->save([&](const auto&) {
+    begun.set_value();
+    go_on.get_future().wait();
+  });
+  begun.get_future().wait();
+  constexpr std::uint64_t kGone = 0;
+  constexpr std::uint64_t kStays = 1;
+  std::atomic<int> done{0};
+  std::atomic<int> refused{0};
+  const auto count = [&](const Result<std::string>& result) {
+    ++(result ? done : refused);
+    if (!result) {
+      EXPECT_EQ(result.error().message, "16 others wait already; try again later");
+    }
+  };
+  for (int i = 0; i < 1000; ++i) worker_->save(count, kGone);
+  EXPECT_EQ(refused, 984);
+  EXPECT_EQ(counters()["map.jobs_refused"], 984U);
+  worker_->forget(kGone);
+  for (int i = 0; i < 3; ++i) worker_->save(count, kStays);
+  go_on.set_value();
+  EXPECT_TRUE(eventually([&] { return done == 3; }));
+  stop();
+  EXPECT_EQ(done, 3);
+  EXPECT_EQ(refused, 984);
 }
 
 TEST_F(MapWorkerTest, LoadsAnotherMap) {

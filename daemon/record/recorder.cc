@@ -15,8 +15,6 @@ namespace {
 
 // Between two looks at the buffers; they hold much more than comes within it.
 constexpr auto kPause = std::chrono::milliseconds(5);
-// A directory that could not be used is tried again.
-constexpr std::int64_t kRetryNs = 5'000'000'000;
 
 // What stands before the pixels, or the camera's own JPEG, in the ring.
 struct FrameHeader {
@@ -156,6 +154,7 @@ void Recorder::follow() {
   }
   if (!wanted) {
     next_attempt_ns_ = 0;
+    retry_s_ = 0;
     tell(RecorderState::kOff, "", "");
   } else if (rolling_ && rolling_->state() == eventlog::RollingLog::State::kPaused) {
     tell(RecorderState::kPaused, rolling_->reason(), "");
@@ -167,10 +166,13 @@ void Recorder::follow() {
 void Recorder::open() {
   Result<eventlog::RollingLog> opened = eventlog::RollingLog::open(options_.log);
   if (!opened) {
-    next_attempt_ns_ = monotonicNs() + kRetryNs;
+    const eventlog::RollingOptions& log = options_.log;
+    retry_s_ = std::clamp(2 * retry_s_, log.retry_first_s, log.retry_max_s);
+    next_attempt_ns_ = monotonicNs() + retry_s_ * 1'000'000'000;
     tell(RecorderState::kPaused, opened.error().message, "");
     return;
   }
+  retry_s_ = 0;
   rolling_.emplace(std::move(opened).value());
   if (!rolling_->repaired().empty()) log_.warning("recorder: " + rolling_->repaired());
 }
@@ -178,6 +180,9 @@ void Recorder::open() {
 void Recorder::close() {
   if (!rolling_) return;
   rolling_->finish();
+  if (rolling_->state() == eventlog::RollingLog::State::kPaused) {
+    tell(RecorderState::kPaused, rolling_->reason(), "");
+  }
   publishCounters();
   before_ = before_ + rolling_->counters();
   rolling_.reset();

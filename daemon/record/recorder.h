@@ -94,7 +94,8 @@ class Recorder {
   // Of the recorder thread.
   std::optional<eventlog::RollingLog> rolling_;
   eventlog::RollingLog::Counters before_;  // of the logs opened earlier
-  std::int64_t next_attempt_ns_ = 0;
+  std::int64_t next_attempt_ns_ = 0;       // to open a log
+  std::int64_t retry_s_ = 0;               // the last wait for it
   capture::JpegEncoder jpeg_;
   bot_core::image_t image_;
   std::vector<std::uint8_t> encoded_;

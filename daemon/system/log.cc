@@ -25,6 +25,19 @@ std::string_view urgency(LogLevel level) {
   return "";
 }
 
+std::string formatLine(LogLevel level, std::string_view text, const std::string& program,
+                       bool for_journal) {
+  std::string line;
+  if (for_journal) {
+    line.append("<").append(std::to_string(static_cast<int>(level))).append(">");
+  } else {
+    line.append(program).append(": ").append(urgency(level));
+  }
+  line += text;
+  line += '\n';
+  return line;
+}
+
 }  // namespace
 
 std::string_view nameOf(LogLevel level) {
@@ -49,16 +62,28 @@ bool Log::journalListens() {
          std::to_string(file.st_dev) + ":" + std::to_string(file.st_ino);
 }
 
+void Log::writeBehind() {
+  // The writer may outlive this object.
+  const auto loss_line = [program = program_, for_journal = for_journal_](std::uint64_t lost) {
+    const std::string text = std::to_string(lost) + " lines of the log lost, as nobody read them";
+    return formatLine(LogLevel::kWarning, text, program, for_journal);
+  };
+  writer_ = std::make_unique<LineWriter>(STDERR_FILENO, loss_line);
+}
+
+void Log::drain() const {
+  if (writer_) writer_->drain();
+}
+
+std::uint64_t Log::lost() const { return writer_ ? writer_->lost() : 0; }
+
 void Log::write(LogLevel level, std::string_view text) const {
   if (level > this->level()) return;
-  std::string line;
-  if (for_journal_) {
-    line.append("<").append(std::to_string(static_cast<int>(level))).append(">");
-  } else {
-    line.append(program_).append(": ").append(urgency(level));
+  std::string line = formatLine(level, text, program_, for_journal_);
+  if (writer_) {
+    writer_->add(std::move(line));
+    return;
   }
-  line += text;
-  line += '\n';
   // A failed write has nobody to be told.
   [[maybe_unused]] const ssize_t written = ::write(STDERR_FILENO, line.data(), line.size());
 }

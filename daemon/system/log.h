@@ -1,13 +1,17 @@
 // Lines for people, on stderr: plain on a terminal, with the journal's <N> priorities under
-// systemd. Not for the SLAM loop or any other thread's per-frame path.
+// systemd. Not for what happens with every frame.
 #pragma once
 
 #include <array>
 #include <atomic>
+#include <cstdint>
+#include <memory>
 #include <optional>
 #include <string>
 #include <string_view>
 #include <utility>
+
+#include "daemon/system/line_writer.h"
 
 namespace waymark::daemon {
 
@@ -32,6 +36,14 @@ class Log {
   Log(LogLevel level, bool for_journal, std::string program = "waymarkd")
       : level_(level), for_journal_(for_journal), program_(std::move(program)) {}
 
+  // From now on a thread of its own writes the lines: however long nobody reads stderr, nobody who
+  // logs waits. What finds no room is lost, and counted. Before there are other threads.
+  void writeBehind();
+  // Waits until what was said is written, unless nobody reads it.
+  void drain() const;
+  // Lines that were lost.
+  [[nodiscard]] std::uint64_t lost() const;
+
   // Any thread; holds from the next line on.
   void setLevel(LogLevel level) { level_.store(level, std::memory_order_relaxed); }
   [[nodiscard]] LogLevel level() const { return level_.load(std::memory_order_relaxed); }
@@ -50,6 +62,7 @@ class Log {
   std::atomic<LogLevel> level_;
   const bool for_journal_;
   const std::string program_;
+  std::unique_ptr<LineWriter> writer_;  // null: who logs writes
 };
 
 }  // namespace waymark::daemon

@@ -69,10 +69,12 @@ std::thread startThread(const std::string& name, const ThreadOptions& options,
   return thread;
 }
 
-// In Linux a thread has a priority of its own. Lowering it is always allowed.
-void lowerPriority() {
+// In Linux a thread has a priority of its own. Lowering it is always allowed, but for filters of
+// system calls.
+Status lowerPriority(const std::string& name) {
   constexpr int kNice = 10;
-  (void)::setpriority(PRIO_PROCESS, 0, kNice);
+  if (::setpriority(PRIO_PROCESS, 0, kNice) == 0) return success();
+  return Error{name + " does not give way to other threads: " + std::strerror(errno)};
 }
 
 }  // namespace waymark::daemon

@@ -33,7 +33,7 @@ struct ThreadOptions {
                                       std::function<void()> run);
 
 // The calling thread gives way to all others that want the processor: for long computations that
-// nobody waits for.
-void lowerPriority();
+// nobody waits for. `name` is for the message.
+Status lowerPriority(const std::string& name);
 
 }  // namespace waymark::daemon

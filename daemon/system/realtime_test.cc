@@ -2,15 +2,21 @@
 
 #include <array>
 #include <atomic>
+#include <cerrno>
 #include <chrono>
+#include <cstddef>
 #include <string>
 #include <thread>
 #include <vector>
 
 #include <gtest/gtest.h>
+#include <linux/filter.h>
+#include <linux/seccomp.h>
 #include <pthread.h>
 #include <sched.h>
+#include <sys/prctl.h>
 #include <sys/resource.h>
+#include <sys/syscall.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
@@ -61,6 +67,19 @@ bool holdsUnprivileged(const Check& check) {
   return WIFEXITED(status) && WEXITSTATUS(status) == 0;
 }
 
+// From now on these calls fail with EPERM, in this process.
+bool refuseCalls(const std::array<unsigned, 2>& calls) {
+  std::array<sock_filter, 5> code = {
+      sock_filter BPF_STMT(BPF_LD | BPF_W | BPF_ABS, offsetof(seccomp_data, nr)),
+      sock_filter BPF_JUMP(BPF_JMP | BPF_JEQ | BPF_K, calls[0], 1, 0),
+      sock_filter BPF_JUMP(BPF_JMP | BPF_JEQ | BPF_K, calls[1], 0, 1),
+      sock_filter BPF_STMT(BPF_RET | BPF_K, SECCOMP_RET_ERRNO | EPERM),
+      sock_filter BPF_STMT(BPF_RET | BPF_K, SECCOMP_RET_ALLOW)};
+  const sock_fprog program{code.size(), code.data()};
+  return prctl(PR_SET_NO_NEW_PRIVS, 1, 0, 0, 0) == 0 &&
+         prctl(PR_SET_SECCOMP, SECCOMP_MODE_FILTER, &program) == 0;
+}
+
 TEST(RealTime, AThreadRunsWhereItIsBoundTo) {
   int where = -1;
   std::vector<std::string> rejected;
@@ -88,6 +107,31 @@ TEST(RealTime, AProcessorThatIsNotThereIsRejectedAndNamed) {
   EXPECT_TRUE(ran) << "all the same";
   ASSERT_EQ(rejected.size(), 1U);
   EXPECT_TRUE(rejected[0].starts_with("wm-test is not bound to processor 1000: ")) << rejected[0];
+}
+
+// In a process whose system calls are filtered as by a unit that does not allow them.
+TEST(RealTime, WhatAFilterRefusesIsTold) {
+  EXPECT_TRUE(holdsUnprivileged([] {
+    if (!refuseCalls({__NR_setpriority, __NR_sched_setaffinity})) return false;
+    const Status lowered = lowerPriority("wm-maps");
+    int rejections = 0;
+    startThread(
+        "wm-test", {.cpus = {0}}, [&](const Error&) { ++rejections; }, [] {})
+        .join();
+    return !lowered &&
+           lowered.error().message ==
+               "wm-maps does not give way to other threads: Operation not permitted" &&
+           rejections == 1;
+  }));
+}
+
+TEST(RealTime, AThreadGivesWay) {
+  int nice = 0;
+  std::thread([&] {
+    EXPECT_TRUE(lowerPriority("wm-test"));
+    nice = ::getpriority(PRIO_PROCESS, 0);
+  }).join();
+  EXPECT_EQ(nice, 10);
 }
 
 TEST(RealTime, RejectionsNameTheLimit) {

@@ -447,7 +447,7 @@ Result<MapFile> parseMap(const std::string& text, const std::filesystem::path& f
 }
 
 Result<MapFile> readMap(const std::filesystem::path& path) {
-  const Result<std::string> text = readTextFile(path);
+  const Result<std::string> text = readTextFile(path, kMaxMapBytes);
   if (!text) return text.error();
   return parseMap(*text, path);
 }

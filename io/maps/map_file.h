@@ -1,6 +1,7 @@
 // The SLAM's map as a file: map.json, with everything that is needed to go on with it later.
 #pragma once
 
+#include <cstddef>
 #include <filesystem>
 #include <optional>
 #include <string>
@@ -33,6 +34,10 @@ struct MapFile {
 // Checks the checksum, every type, number and reference. The error is one line: file, place,
 // reason.
 [[nodiscard]] Result<MapFile> parseMap(const std::string& text, const std::filesystem::path& file);
+// More is no map: one of 2,000 markers and 6,000 keyframes has some 100 MB, and reading one takes
+// several times as much memory.
+inline constexpr std::size_t kMaxMapBytes = std::size_t{256} << 20U;
+
 [[nodiscard]] Result<MapFile> readMap(const std::filesystem::path& path);
 
 }  // namespace waymark::io

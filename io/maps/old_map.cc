@@ -84,7 +84,7 @@ Result<std::optional<std::string>> changeCamera(const slam::Calibration& camera,
 }
 
 Result<OldMap> readOldMap(const std::filesystem::path& path, const OldMapUse& use) {
-  Result<std::string> text = readTextFile(path);
+  Result<std::string> text = readTextFile(path, kMaxMapBytes);
   if (!text) return text.error();
   return parseOldMap(std::move(text).value(), path, use);
 }

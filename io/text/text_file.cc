@@ -2,6 +2,7 @@
 
 #include <cerrno>
 #include <optional>
+#include <system_error>
 
 #include <fcntl.h>
 #include <sys/stat.h>
@@ -28,6 +29,26 @@ bool writeAll(int fd, std::string_view content) {
   return true;
 }
 
+fs::path directoryOf(const fs::path& path) {
+  return path.has_parent_path() ? path.parent_path() : fs::path(".");
+}
+
+// The file itself, of which `path` may be a link: what is written goes where the link points, as
+// with any other program. What is there and no regular file (a device, say) is not replaced.
+Result<fs::path> targetOf(const fs::path& path) {
+  constexpr int kMaxLinks = 40;  // as the kernel
+  fs::path place = path;
+  std::error_code error;
+  for (int i = 0; i < kMaxLinks && fs::is_symlink(place, error); ++i) {
+    const fs::path target = fs::read_symlink(place, error);
+    if (error) break;
+    place = target.is_absolute() ? target : directoryOf(place) / target;
+  }
+  const fs::file_status status = fs::symlink_status(place, error);
+  if (!fs::exists(status) || fs::is_regular_file(status)) return place;
+  return Error{path.string() + ": cannot be written: there is something else than a regular file"};
+}
+
 // A complete file under a temporary name, waiting for its own; gone unless it gets it.
 class PendingFile {
  public:
@@ -35,20 +56,20 @@ class PendingFile {
   PendingFile(const PendingFile&) = delete;
   PendingFile& operator=(const PendingFile&) = delete;
   PendingFile(PendingFile&& other) noexcept
-      : path_(std::move(other.path_)), temporary_(std::exchange(other.temporary_, std::nullopt)) {}
+      : path_(std::move(other.path_)),
+        place_(std::move(other.place_)),
+        temporary_(std::exchange(other.temporary_, std::nullopt)) {}
   PendingFile& operator=(PendingFile&&) = delete;
   ~PendingFile() {
     if (temporary_) ::unlink(temporary_->c_str());
   }
 
   Status write(std::string_view content) {
-    const fs::path directory = path_.has_parent_path() ? path_.parent_path() : fs::path(".");
-    const std::string name =
-        "." + path_.filename().string() + "." + std::to_string(::getpid()) + ".tmp";
-    const fs::path temporary = directory / name;
-    const UniqueFd file(::open(temporary.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0666));
+    Result<fs::path> place = targetOf(path_);
+    if (!place) return place.error();
+    place_ = std::move(place).value();
+    const UniqueFd file = makeTemporary();
     if (!file) return systemError(path_, "cannot be written");
-    temporary_ = temporary;
     if (!writeAll(file.get(), content) || ::fsync(file.get()) != 0) {
       return systemError(path_, "cannot be written");
     }
@@ -56,15 +77,35 @@ class PendingFile {
   }
 
   Status publish() {
-    if (::rename(temporary_->c_str(), path_.c_str()) != 0) {
+    if (::rename(temporary_->c_str(), place_.c_str()) != 0) {
       return systemError(path_, "cannot be written");
     }
     temporary_.reset();
     return success();
   }
 
+  // After write(): where the file is, or will be.
+  [[nodiscard]] const fs::path& place() const { return place_; }
+
  private:
+  // A file that nobody has, whoever else may write in that directory: not one that is there, and
+  // not through a link. Names that are taken are of programs that were killed.
+  UniqueFd makeTemporary() {
+    constexpr int kNames = 100;
+    for (int i = 0; i < kNames; ++i) {
+      fs::path temporary =
+          directoryOf(place_) / ("." + place_.filename().string() + "." +
+                                 std::to_string(::getpid()) + "." + std::to_string(i) + ".tmp");
+      UniqueFd file(
+          ::open(temporary.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_NOFOLLOW | O_CLOEXEC, 0666));
+      if (file) temporary_ = std::move(temporary);
+      if (file || errno != EEXIST) return file;
+    }
+    return {};
+  }
+
   fs::path path_;
+  fs::path place_;
   std::optional<fs::path> temporary_;
 };
 
@@ -76,7 +117,7 @@ void syncDirectory(const fs::path& path) {
 
 }  // namespace
 
-Result<std::string> readTextFile(const fs::path& path) {
+Result<std::string> readTextFile(const fs::path& path, std::size_t max_bytes) {
   const UniqueFd file(::open(path.c_str(), O_RDONLY | O_CLOEXEC));
   if (!file) return systemError(path, "cannot be read");
   std::string content;
@@ -86,6 +127,9 @@ Result<std::string> readTextFile(const fs::path& path) {
     if (count < 0 && errno == EINTR) continue;
     if (count < 0) return systemError(path, "cannot be read");
     if (count == 0) return content;
+    if (content.size() + static_cast<std::size_t>(count) > max_bytes) {
+      return Error{path.string() + ": is larger than " + std::to_string(max_bytes >> 20U) + " MiB"};
+    }
     content.append(buffer, static_cast<std::size_t>(count));
   }
 }
@@ -94,32 +138,42 @@ Status writeTextFile(const fs::path& path, std::string_view content) {
   PendingFile file(path);
   if (Status written = file.write(content); !written) return written;
   if (Status published = file.publish(); !published) return published;
-  syncDirectory(path.has_parent_path() ? path.parent_path() : fs::path("."));
+  syncDirectory(directoryOf(file.place()));
   return success();
 }
 
-Status writeTextFileKeeping(const fs::path& path, std::string_view content,
-                            const fs::path& previous) {
-  const fs::path directory = path.has_parent_path() ? path.parent_path() : fs::path(".");
-  PendingFile file(path);
-  if (Status written = file.write(content); !written) return written;
-  // A second name first, so that `path` is never without a file.
-  const fs::path second_name = previous.string() + ".tmp";
+namespace {
+
+// A second name first, so that `path` is never without a file; where there are none, or on another
+// file system, a copy.
+Status keepAs(const fs::path& previous, const fs::path& path) {
+  const Result<fs::path> place = targetOf(previous);
+  if (!place) return place.error();
+  const fs::path second_name = place->string() + ".tmp";
   ::unlink(second_name.c_str());
   if (::link(path.c_str(), second_name.c_str()) == 0) {
-    if (::rename(second_name.c_str(), previous.c_str()) != 0) {
-      const Error error = systemError(previous, "cannot be written");
-      ::unlink(second_name.c_str());
-      return error;
-    }
-  } else if (errno != ENOENT && ::rename(path.c_str(), previous.c_str()) != 0) {
-    // Not even on a file system without second names.
-    return systemError(previous, "cannot be written");
+    if (::rename(second_name.c_str(), place->c_str()) == 0) return success();
+    const Error error = systemError(previous, "cannot be written");
+    ::unlink(second_name.c_str());
+    return error;
   }
+  if (errno == ENOENT) return success();  // there is none
+  const Result<std::string> content = readTextFile(path);
+  if (!content) return content.error();
+  return writeTextFile(previous, *content);
+}
+
+}  // namespace
+
+Status writeTextFileKeeping(const fs::path& path, std::string_view content,
+                            const fs::path& previous) {
+  PendingFile file(path);
+  if (Status written = file.write(content); !written) return written;
+  if (Status kept = keepAs(previous, file.place()); !kept) return kept;
   // On the disk before the old file's name is given away.
-  syncDirectory(directory);
+  syncDirectory(directoryOf(previous));
   if (Status published = file.publish(); !published) return published;
-  syncDirectory(directory);
+  syncDirectory(directoryOf(file.place()));
   return success();
 }
 
@@ -156,6 +210,11 @@ OutputDirectory::~OutputDirectory() {
 }
 
 void OutputDirectory::add(std::string name, std::string content) {
+  for (auto& [there, before] : files_) {
+    if (there != name) continue;
+    before = std::move(content);
+    return;
+  }
   files_.emplace_back(std::move(name), std::move(content));
 }
 
@@ -172,6 +231,17 @@ Status OutputDirectory::commit() {
   syncDirectory(path_);
   files_.clear();
   return success();
+}
+
+std::vector<std::string> OutputDirectory::commitWhatFits() {
+  std::vector<std::string> missing;
+  for (const auto& [name, content] : files_) {
+    PendingFile file(path_ / name);
+    if (!file.write(content) || !file.publish()) missing.push_back(name);
+  }
+  syncDirectory(path_);
+  files_.clear();
+  return missing;
 }
 
 }  // namespace waymark::io

@@ -1,7 +1,9 @@
 // Whole files in and out. What is written appears complete or not at all.
 #pragma once
 
+#include <cstddef>
 #include <filesystem>
+#include <limits>
 #include <string>
 #include <string_view>
 #include <utility>
@@ -11,15 +13,18 @@
 
 namespace waymark::io {
 
-// The error names the file and the system's reason.
-[[nodiscard]] Result<std::string> readTextFile(const std::filesystem::path& path);
+// The error names the file and the system's reason, or says that there are more bytes in it.
+[[nodiscard]] Result<std::string> readTextFile(
+    const std::filesystem::path& path,
+    std::size_t max_bytes = std::numeric_limits<std::size_t>::max());
 
 // Writes a temporary file beside `path`, syncs it and renames it into place. On failure `path` is
-// as it was, and no temporary file stays behind.
+// as it was, and no temporary file stays behind. Where `path` is a link the file it points to is
+// written; what is neither a regular file nor one to be is left alone, and is an error.
 [[nodiscard]] Status writeTextFile(const std::filesystem::path& path, std::string_view content);
 
-// The same, and the file that was there before stays under another name, `previous`, on the same
-// file system. At every instant, power cuts included, at least one of the two is a whole file.
+// The same, and the file that was there before stays under another name, `previous`. At every
+// instant, power cuts included, at least one of the two is a whole file.
 [[nodiscard]] Status writeTextFileKeeping(const std::filesystem::path& path,
                                           std::string_view content,
                                           const std::filesystem::path& previous);
@@ -37,9 +42,13 @@ class OutputDirectory {
   ~OutputDirectory();
 
   [[nodiscard]] const std::filesystem::path& path() const { return path_; }
+  // Replaces what was added under that name.
   void add(std::string name, std::string content);
   // Every file is complete on disk before the first one gets its name.
   [[nodiscard]] Status commit();
+  // After a commit() that failed, as the disk is full: each file that can be written, in the order
+  // in which they were added. Returns the names of the others.
+  [[nodiscard]] std::vector<std::string> commitWhatFits();
 
  private:
   explicit OutputDirectory(std::filesystem::path path) : path_(std::move(path)) {}

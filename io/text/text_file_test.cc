@@ -1,6 +1,13 @@
 #include "io/text/text_file.h"
 
+#include <cstdint>
+#include <filesystem>
+#include <string>
+#include <vector>
+
 #include <gtest/gtest.h>
+#include <sys/stat.h>
+#include <unistd.h>
 
 #include "base/decimal_seconds.h"
 #include "io/text/number_text.h"
@@ -64,6 +71,83 @@ TEST(TextFile, WhenKeepingFailsBothStayAsTheyWere) {
   ASSERT_FALSE(status);
   EXPECT_NE(status.error().message.find("previous: cannot be written: "), std::string::npos);
   EXPECT_EQ(readTextFile(file).value(), "one");
+  EXPECT_EQ(entries(directory.path()), 2U);
+}
+
+TEST(TextFile, WritesWhereALinkPoints) {
+  const TemporaryDirectory directory;
+  fs::create_directory(directory / "there");
+  fs::create_symlink("there/target.txt", directory / "link.txt");
+  fs::create_symlink("link.txt", directory / "second.txt");
+  ASSERT_TRUE(writeTextFile(directory / "second.txt", "one")) << "to a file that is not there yet";
+  EXPECT_TRUE(fs::is_symlink(directory / "link.txt"));
+  EXPECT_TRUE(fs::is_symlink(directory / "second.txt"));
+  EXPECT_EQ(readTextFile(directory / "there" / "target.txt").value(), "one");
+  ASSERT_TRUE(writeTextFileKeeping(directory / "link.txt", "two", directory / "before.txt"));
+  EXPECT_EQ(readTextFile(directory / "there" / "target.txt").value(), "two");
+  EXPECT_EQ(readTextFile(directory / "before.txt").value(), "one");
+  EXPECT_EQ(entries(directory / "there"), 1U) << "no temporary file stays";
+  fs::create_symlink("round", directory / "round");
+  EXPECT_FALSE(writeTextFile(directory / "round", "three"));
+}
+
+// As root, a device node was replaced by a file.
+TEST(TextFile, NothingButRegularFilesIsReplaced) {
+  const TemporaryDirectory directory;
+  const fs::path pipe = directory / "pipe";
+  ASSERT_EQ(::mkfifo(pipe.c_str(), 0600), 0);
+  const fs::path link = directory / "link";
+  fs::create_symlink("/dev/null", link);
+  for (const fs::path& path : {pipe, link, fs::path("/dev/null")}) {
+    const Status written = writeTextFile(path, "content");
+    ASSERT_FALSE(written) << path;
+    EXPECT_EQ(written.error().message,
+              path.string() + ": cannot be written: there is something else than a regular file");
+  }
+  ASSERT_TRUE(writeTextFile(directory / "file", "one"));
+  EXPECT_FALSE(writeTextFileKeeping(directory / "file", "two", pipe));
+  EXPECT_EQ(readTextFile(directory / "file").value(), "one");
+  EXPECT_EQ(fs::status(pipe).type(), fs::file_type::fifo);
+  EXPECT_EQ(entries(directory.path()), 3U);
+}
+
+// In a directory in which others write, too: a name that was foreseen leads nowhere.
+TEST(TextFile, TemporariesAreNobodyElses) {
+  const TemporaryDirectory directory;
+  ASSERT_TRUE(writeTextFile(directory / "victim", "untouched"));
+  for (const char* ending : {".tmp", ".0.tmp", ".1.tmp"}) {
+    const std::string name = ".a.txt." + std::to_string(::getpid()) + ending;
+    fs::create_symlink("victim", directory / name);
+  }
+  ASSERT_TRUE(writeTextFile(directory / "a.txt", "content"));
+  EXPECT_EQ(readTextFile(directory / "victim").value(), "untouched");
+  EXPECT_EQ(readTextFile(directory / "a.txt").value(), "content");
+  EXPECT_FALSE(fs::is_symlink(directory / "a.txt"));
+}
+
+TEST(TextFile, ReadsNoMoreThanAsked) {
+  const TemporaryDirectory directory;
+  const fs::path file = directory / "large";
+  ASSERT_TRUE(writeTextFile(file, std::string(std::size_t{2} << 20U, 'x')));
+  EXPECT_TRUE(readTextFile(file, std::size_t{2} << 20U));
+  fs::resize_file(file, std::uintmax_t{3} << 30U);
+  const Result<std::string> text = readTextFile(file, std::size_t{2} << 20U);
+  ASSERT_FALSE(text);
+  EXPECT_EQ(text.error().message, file.string() + ": is larger than 2 MiB");
+}
+
+TEST(OutputDirectory, WhatFitsIsWritten) {
+  const TemporaryDirectory directory;
+  Result<OutputDirectory> output = OutputDirectory::open(directory.path());
+  ASSERT_TRUE(output.ok());
+  output->add("one", "1");
+  output->add("missing/two", "2");
+  output->add("three", "3");
+  ASSERT_FALSE(output->commit());
+  output->add("one", "replaced");
+  EXPECT_EQ(output->commitWhatFits(), std::vector<std::string>{"missing/two"});
+  EXPECT_EQ(readTextFile(directory / "one").value(), "replaced");
+  EXPECT_EQ(readTextFile(directory / "three").value(), "3");
   EXPECT_EQ(entries(directory.path()), 2U);
 }
 
