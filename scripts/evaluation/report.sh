@@ -10,7 +10,8 @@ Every number is measured by the programs of this repository; run the script to g
 
 ATE: mean distance between estimated and true camera positions after rigid alignment (no scale).
 ACE: the same for the marker corners. t_rel and r_rel: relative errors over 25 cm (seed 1, section 5).
-*Live* is what a subscriber gets; *final* is against the map after global optimization.
+*Live* is what a subscriber gets; *final* is against the map after global optimization. Whether errors
+have the covariance that is told of them: [consistency.md](consistency.md).
 END
 }
 
