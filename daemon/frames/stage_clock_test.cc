@@ -47,7 +47,7 @@ TEST(StageClock, EveryStepIsASignOfLife) {
   std::atomic<std::int64_t> alive_ns{0};
   StageClock clock(&alive_ns);
   clock.beginFrame();
-  const auto isNewer = [&, before_ns = std::int64_t{0}]() mutable {
+  auto isNewer = [&, before_ns = std::int64_t{0}]() mutable {
     std::this_thread::sleep_for(milliseconds(1));
     const bool newer = alive_ns > before_ns;
     before_ns = monotonicNs();
