@@ -42,6 +42,12 @@ TEST(LcmTypes, BotCoreHashesAreTheOnesSubscribersKnow) {
   EXPECT_EQ(static_cast<std::uint64_t>(bot_core::image_t::getHash()), 0x14739ffe13d5f5f0ULL);
 }
 
+// Subscribers built against another definition get nothing: a change is for CHANGELOG.md.
+TEST(LcmTypes, OurOwnHashesChangeOnPurposeOnly) {
+  EXPECT_EQ(static_cast<std::uint64_t>(pose_t::getHash()), 0x840f304d51f768bdULL);
+  EXPECT_EQ(static_cast<std::uint64_t>(map_t::getHash()), 0xa06fba75aa5e55feULL);
+}
+
 TEST(LcmTypes, BotCorePixelFormatsSpellTheirCodes) {
   const auto code = [](const char(&s)[5]) { return s[0] | s[1] << 8 | s[2] << 16 | s[3] << 24; };
   EXPECT_EQ(bot_core::image_t::PIXEL_FORMAT_GRAY, code("GREY"));
@@ -61,6 +67,7 @@ TEST(LcmTypes, PoseRoundTrip) {
   fill(a.p_w_c, 7.0);
   fill(a.q_w_c, 8.0);
   fill(a.covariance, 9.0);
+  fill(a.view_covariance, 14.0);
   a.markers_used = 10;
   a.reprojection_rms_px = 0.11;
   a.ambiguity_ratio = 12.5;
@@ -78,6 +85,7 @@ TEST(LcmTypes, PoseRoundTrip) {
   expectSame(a.p_w_c, b.p_w_c);
   expectSame(a.q_w_c, b.q_w_c);
   expectSame(a.covariance, b.covariance);
+  expectSame(a.view_covariance, b.view_covariance);
   EXPECT_EQ(a.markers_used, b.markers_used);
   EXPECT_EQ(a.reprojection_rms_px, b.reprojection_rms_px);
   EXPECT_EQ(a.ambiguity_ratio, b.ambiguity_ratio);

@@ -3,8 +3,10 @@
 #include <algorithm>
 #include <chrono>
 #include <csignal>
+#include <cstdio>
 #include <filesystem>
 #include <fstream>
+#include <sstream>
 #include <string>
 #include <thread>
 #include <vector>
@@ -66,6 +68,30 @@ TEST_F(EchoTest, WhatASubscriberGetsIsNearTheTruth) {
   // Wrong times, axes or maps would be off by decimetres.
   EXPECT_LT(errors["ate_m"]["rms"].get<double>(), 0.02);
   EXPECT_LT(errors["ace_m"]["rms"].get<double>(), 0.03);
+}
+
+// A marker is known worse in the world than by its own views: the larger number is the world's.
+TEST_F(EchoTest, SigmasAreOfTheWorldAndOfTheMarkersInView) {
+  const Process daemon(daemonCommand(), file("log"));
+  const ProgramResult echoed = echo({"--sigma"});
+  ASSERT_EQ(echoed.exit_code, 0) << echoed.err << daemon.stderrText();
+  std::istringstream lines(echoed.out);
+  int compared = 0;
+  for (std::string line; std::getline(lines, line);) {
+    const std::size_t begin = line.find("  world +- ");
+    if (begin == std::string::npos) continue;
+    double world_mm = 0.0;
+    double world_deg = 0.0;
+    double view_mm = 0.0;
+    double view_deg = 0.0;
+    ASSERT_EQ(std::sscanf(line.c_str() + begin, "  world +- %lf mm %lf deg  view +- %lf mm %lf deg",
+                          &world_mm, &world_deg, &view_mm, &view_deg),
+              4)
+        << line;
+    EXPECT_GT(view_mm, 0.0) << line;
+    if (world_mm > 1.5 * view_mm) ++compared;
+  }
+  EXPECT_GT(compared, 0) << echoed.out;
 }
 
 TEST_F(EchoTest, TheExampleForIntegratorsPrintsPoses) {

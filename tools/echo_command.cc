@@ -1,9 +1,12 @@
 #include "tools/echo_command.h"
 
+#include <algorithm>
 #include <cinttypes>
+#include <cmath>
 #include <cstdio>
 #include <exception>
 #include <memory>
+#include <numbers>
 #include <optional>
 #include <string>
 
@@ -34,6 +37,7 @@ struct EchoOptions {
   std::string channel_prefix = daemon::Configuration::Publish{}.channel_prefix;
   bool tum = false;
   bool from_start = false;
+  bool sigma = false;
   bool stats = false;
   bool quiet = false;
   double interval_s = 0.0;  // between lines; 0: every message
@@ -52,7 +56,16 @@ void printTum(const pose_t& m, std::int64_t start_utime) {
               m.q_w_c[3], m.q_w_c[0]);
 }
 
-void printLine(const pose_t& m) {
+// Standard deviation of where the camera is, mm, and of where it looks, degrees: along the axes
+// that are known worst.
+void printSigma(const char* of_what, const double (&covariance)[36]) {
+  const double position = std::max({covariance[0], covariance[7], covariance[14]});
+  const double rotation = std::max({covariance[21], covariance[28], covariance[35]});
+  std::printf("  %s +- %.2f mm %.3f deg", of_what, 1e3 * std::sqrt(position),
+              180.0 / std::numbers::pi * std::sqrt(rotation));
+}
+
+void printLine(const pose_t& m, bool with_sigma) {
   std::printf("%8" PRId64 "  %-12s  ", m.sequence, daemon::statusName(m.status).c_str());
   if (m.source == pose_t::SOURCE_NONE) {
     std::printf("no pose: %s", m.reason.c_str());
@@ -60,9 +73,14 @@ void printLine(const pose_t& m) {
     std::printf("\n");
     return;
   }
-  std::printf("p %8.4f %8.4f %8.4f m  q %7.4f %7.4f %7.4f %7.4f  %2d markers  %.3f px  %.2f ms\n",
+  std::printf("p %8.4f %8.4f %8.4f m  q %7.4f %7.4f %7.4f %7.4f  %2d markers  %.3f px  %.2f ms",
               m.p_w_c[0], m.p_w_c[1], m.p_w_c[2], m.q_w_c[0], m.q_w_c[1], m.q_w_c[2], m.q_w_c[3],
               m.markers_used, m.reprojection_rms_px, 1e-6 * static_cast<double>(m.latency_ns));
+  if (with_sigma) {
+    printSigma("world", m.covariance);
+    printSigma("view", m.view_covariance);
+  }
+  std::printf("\n");
 }
 
 // Anybody can send on a channel, and the generated code throws on impossible lengths.
@@ -185,7 +203,7 @@ void Echo::print() {
   if (options_.tum) {
     printTum(pose_, options_.from_start ? first_utime_.value_or(0) : 0);
   } else {
-    printLine(pose_);
+    printLine(pose_, options_.sigma);
   }
 }
 
@@ -211,6 +229,9 @@ void addEchoCommand(CLI::App& app, int* exit_code) {
   echo->add_flag("--tum", options->tum, "Print poses as TUM lines: seconds, position, quaternion");
   echo->add_flag("--from-start", options->from_start,
                  "Times of --tum count from the first frame received, not from 1970");
+  echo->add_flag("--sigma", options->sigma,
+                 "Also how well each pose is known: in the world, and relative to the markers in "
+                 "view; standard deviations along the worst axes");
   echo->add_flag("--stats", options->stats, "At the end: messages, gaps, rate, latencies");
   echo->add_flag("--quiet", options->quiet, "No line for each message");
   echo->add_option("--interval", options->interval_s,

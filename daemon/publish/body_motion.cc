@@ -10,16 +10,17 @@ using slam::Transform;
 using slam::Vector6d;
 
 // Nothing is known of a velocity at first but that robots are slower than this.
-constexpr double kMaxRate_hz = 10.0;   // m/s
-constexpr double kMaxTRateurn = 20.0;  // rad/s
+constexpr double kMaxSpeed_m_s = 10.0;
+constexpr double kMaxTurnRate_rad_s = 20.0;
 // No pose is better than this, whatever its covariance says: 10 micrometres, 10 microradians.
 constexpr double kFinest = 1e-5;
 
-// The camera's covariance moved to the body's origin: p_b = p_c + R_w_c * p_c_b.
+// The camera's covariance moved to the body's origin: p_b = p_c + R_w_c * p_c_b. That relative to
+// the markers in view: what the map has wrong is the same in the next frame, and no motion.
 Matrix6d covarianceOfBody(const slam::PoseEstimate& pose, const Transform& T_c_b) {
   Matrix6d J = Matrix6d::Identity();
   J.topRightCorner<3, 3>() = -slam::skew(pose.T_w_c.R * T_c_b.p);
-  return J * pose.covariance * J.transpose() + kFinest * kFinest * Matrix6d::Identity();
+  return J * pose.view_covariance * J.transpose() + kFinest * kFinest * Matrix6d::Identity();
 }
 
 }  // namespace
@@ -49,8 +50,8 @@ void BodyMotion::begin(const Transform& T_w_b, const Matrix6d& covariance) {
   twist_w_.setZero();
   covariance_.setZero();
   covariance_.topLeftCorner<6, 6>() = covariance;
-  covariance_.diagonal().segment<3>(6).setConstant(kMaxRate_hz * kMaxRate_hz);
-  covariance_.diagonal().tail<3>().setConstant(kMaxTRateurn * kMaxTRateurn);
+  covariance_.diagonal().segment<3>(6).setConstant(kMaxSpeed_m_s * kMaxSpeed_m_s);
+  covariance_.diagonal().tail<3>().setConstant(kMaxTurnRate_rad_s * kMaxTurnRate_rad_s);
 }
 
 void BodyMotion::predict(double dt_s) {

@@ -18,8 +18,9 @@ struct BodyState {
 };
 
 // A Kalman filter over pose and velocity: between two frames the body goes on as it did, up to
-// white accelerations, and each pose counts as much as its covariance says. The poses themselves
-// are handed on as they came; only the velocities are the filter's.
+// white accelerations, and each pose counts as much as its covariance relative to the markers in
+// view says: the rest of its covariance in the world is an offset that neighbouring frames share.
+// The poses themselves are handed on as they came; only the velocities are the filter's.
 class BodyMotion {
  public:
   struct Options {

@@ -44,6 +44,11 @@ void put(const Eigen::Quaterniond& q, double (&out)[4]) {
   out[3] = q.z();
 }
 
+// Row by row.
+void put(const slam::Matrix6d& matrix, double (&out)[36]) {
+  Eigen::Map<Eigen::Matrix<double, 6, 6, Eigen::RowMajor>>{out} = matrix;
+}
+
 void fillAge(std::int64_t now_ns, std::optional<std::int64_t> last_pose_ns, pose_t& message) {
   message.had_pose = last_pose_ns ? 1 : 0;
   message.last_pose_age_ns = last_pose_ns ? now_ns - *last_pose_ns : 0;
@@ -53,7 +58,8 @@ void fillEstimate(const slam::PoseEstimate& pose, pose_t& message) {
   message.source = source(pose.source);
   put(pose.T_w_c.p, message.p_w_c);
   put(pose.T_w_c.quaternion(), message.q_w_c);
-  Eigen::Map<Eigen::Matrix<double, 6, 6, Eigen::RowMajor>>(message.covariance) = pose.covariance;
+  put(pose.covariance, message.covariance);
+  put(pose.view_covariance, message.view_covariance);
   message.markers_used = pose.markers_used;
   message.reprojection_rms_px = pose.reprojection_rms_px;
   message.ambiguity_ratio = pose.ambiguity_ratio;
@@ -64,6 +70,7 @@ void clearEstimate(pose_t& message) {
   std::ranges::fill(message.p_w_c, 0.0);
   std::ranges::fill(message.q_w_c, 0.0);
   std::ranges::fill(message.covariance, 0.0);
+  std::ranges::fill(message.view_covariance, 0.0);
   message.markers_used = 0;
   message.reprojection_rms_px = 0.0;
   message.ambiguity_ratio = 0.0;

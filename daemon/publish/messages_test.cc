@@ -21,7 +21,10 @@ FrameRecord localizedRecord() {
   slam::PoseEstimate pose;
   pose.T_w_c = someTransform();
   for (int i = 0; i < 6; ++i) {
-    for (int j = 0; j < 6; ++j) pose.covariance(i, j) = 10.0 * i + j;
+    for (int j = 0; j < 6; ++j) {
+      pose.covariance(i, j) = 10.0 * i + j;
+      pose.view_covariance(i, j) = 100.0 + 10.0 * i + j;
+    }
   }
   pose.source = slam::PoseSource::kMarkers;
   pose.markers_used = 4;
@@ -49,6 +52,8 @@ TEST(PoseMessage, CarriesTheEstimate) {
   EXPECT_LT((q.toRotationMatrix() - T.R).norm(), 1e-12);
   EXPECT_EQ(message.covariance[1], 1.0) << "row 0, column 1: row-major";
   EXPECT_EQ(message.covariance[6], 10.0) << "row 1, column 0";
+  EXPECT_EQ(message.view_covariance[1], 101.0);
+  EXPECT_EQ(message.view_covariance[35], 155.0);
   EXPECT_EQ(message.markers_used, 4);
   EXPECT_EQ(message.reprojection_rms_px, 0.2);
   EXPECT_EQ(message.ambiguity_ratio, 9.0);
@@ -71,6 +76,7 @@ TEST(PoseMessage, WithoutPoseSaysWhyAndHowOldAndKeepsNothingOfTheLast) {
   for (const double x : message.p_w_c) EXPECT_EQ(x, 0.0);
   for (const double x : message.q_w_c) EXPECT_EQ(x, 0.0);
   for (const double x : message.covariance) EXPECT_EQ(x, 0.0);
+  for (const double x : message.view_covariance) EXPECT_EQ(x, 0.0);
   EXPECT_EQ(message.markers_used, 0);
 
   fillPose(record, {}, message);

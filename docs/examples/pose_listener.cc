@@ -26,9 +26,11 @@ class Listener {
                   pose->had_pose ? 1e-9 * static_cast<double>(pose->last_pose_age_ns) : NAN);
       return;
     }
-    std::printf("%8lld  x %7.3f  y %7.3f  z %7.3f m  +- %4.1f mm  %.1f ms old\n",
+    // In the world, for whoever plans a way; relative to the markers in view, for whoever docks.
+    std::printf("%8lld  x %7.3f  y %7.3f  z %7.3f m  +- %4.1f mm  (%4.1f in view)  %.1f ms old\n",
                 static_cast<long long>(pose->sequence), pose->p_w_c[0], pose->p_w_c[1],
-                pose->p_w_c[2], 1e3 * sigma(*pose), 1e-6 * static_cast<double>(pose->latency_ns));
+                pose->p_w_c[2], 1e3 * sigma(pose->covariance), 1e3 * sigma(pose->view_covariance),
+                1e-6 * static_cast<double>(pose->latency_ns));
   }
 
  private:
@@ -43,10 +45,8 @@ class Listener {
   }
 
   // Of the position, metres: along the direction that is known worst, roughly.
-  static double sigma(const waymark::pose_t& pose) {
-    const double worst =
-        std::max({pose.covariance[0], pose.covariance[7], pose.covariance[14]});  // xx, yy, zz
-    return std::sqrt(worst);
+  static double sigma(const double (&covariance)[36]) {
+    return std::sqrt(std::max({covariance[0], covariance[7], covariance[14]}));  // xx, yy, zz
   }
 
   std::int64_t last_sequence_ = -1;

@@ -16,17 +16,23 @@ import lcm
 from waymark import pose_t
 
 
+def sigma(covariance):
+    """Of the position, metres. Row-major 6x6 of (dp, dtheta): xx, yy and zz are 0, 7 and 14."""
+    return math.sqrt(max(covariance[0], covariance[7], covariance[14]))
+
+
 def on_pose(_channel, data):
     pose = pose_t.decode(data)
     if pose.source == pose_t.SOURCE_NONE:
         print(f"no pose: {pose.reason}")
         return
     x, y, z = pose.p_w_c
-    # Row-major 6x6 of (dp, dtheta): xx, yy and zz are the elements 0, 7 and 14.
-    sigma = math.sqrt(max(pose.covariance[0], pose.covariance[7], pose.covariance[14]))
+    # In the world, for whoever plans a way; relative to the markers in view, for whoever docks.
     print(
         f"{pose.sequence:8d}  x {x:7.3f}  y {y:7.3f}  z {z:7.3f} m  "
-        f"+- {1e3 * sigma:4.1f} mm  {1e-6 * pose.latency_ns:.1f} ms old"
+        f"+- {1e3 * sigma(pose.covariance):4.1f} mm  "
+        f"({1e3 * sigma(pose.view_covariance):4.1f} in view)  "
+        f"{1e-6 * pose.latency_ns:.1f} ms old"
     )
 
 
