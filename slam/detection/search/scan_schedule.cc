@@ -6,6 +6,16 @@
 #include "slam/option_checks.h"
 
 namespace waymark::slam {
+namespace {
+
+// At the size it is searched at.
+double pixelsOf(const SearchRegion& region) {
+  return static_cast<double>(region.window.width) * region.window.height /
+         (region.factor * region.factor);
+}
+
+}  // namespace
+
 std::string ScanScheduleOptions::invalidReason() const {
   return firstUnmet({
       {isPositive(round_s), "the time of a round must be positive"},
@@ -27,9 +37,9 @@ ScanSchedule::ScanSchedule(int width, int height, const ScanScheduleOptions& opt
 
 // Parts of reduced images when it is their turn. Every frame has as many pixels to spend as all of
 // them need on average: where those took more, the small markers' parts wait.
-std::span<const SearchRegion> ScanSchedule::next(double interval_s, int least_frames) {
+std::span<const SearchRegion> ScanSchedule::next(double interval_s) {
   due_.clear();
-  if (frame_ == 0) beginRound(interval_s, least_frames);
+  if (frame_ == 0) beginRound(interval_s);
   if (frames_ == 1) {
     due_.push_back({{0, 0, width_, height_}, 1});
     return due_;
@@ -41,17 +51,17 @@ std::span<const SearchRegion> ScanSchedule::next(double interval_s, int least_fr
     if (level.credit < level.frames || (level.factor == 1 && unspent_px_ <= 0.0)) continue;
     level.credit -= level.frames;
     due_.push_back(partOf(level));
-    unspent_px_ -= searchedPixels(due_.back());
+    unspent_px_ -= pixelsOf(due_.back());
     level.part = (level.part + 1) % parts;
   }
   frame_ = (frame_ + 1) % frames_;
   return due_;
 }
 
-void ScanSchedule::beginRound(double interval_s, int least_frames) {
-  const auto most = static_cast<double>(std::max(options_.max_frames, least_frames));
+void ScanSchedule::beginRound(double interval_s) {
+  const auto most = static_cast<double>(options_.max_frames);
   const double frames = interval_s > 0.0 ? options_.round_s / interval_s : most;
-  frames_ = static_cast<int>(std::clamp(frames, static_cast<double>(least_frames), most));
+  frames_ = static_cast<int>(std::clamp(frames, 1.0, most));
   for (Level& level : levels_) {
     divide(&level, level.factor == 1 ? options_.small_rounds * frames_ : frames_);
   }
@@ -68,7 +78,7 @@ void ScanSchedule::divide(Level* level, int frames) const {
   level->frames = frames;
   const int parts = level->columns * level->rows;
   level->part %= parts;
-  level->px_per_frame = searchedPixels(partOf(*level)) * parts / frames;
+  level->px_per_frame = pixelsOf(partOf(*level)) * parts / frames;
 }
 
 SearchRegion ScanSchedule::partOf(const Level& level) const {

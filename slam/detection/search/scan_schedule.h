@@ -34,8 +34,8 @@ class ScanSchedule {
   ScanSchedule(int width, int height, const ScanScheduleOptions& options = {});
 
   // The parts whose turn it is, as evenly as may be from frame to frame. interval_s: since the
-  // frame before; least_frames: that a round is spread over. Valid until the next call.
-  std::span<const SearchRegion> next(double interval_s, int least_frames = 1);
+  // frame before. Valid until the next call.
+  std::span<const SearchRegion> next(double interval_s);
   // The largest factor.
   [[nodiscard]] int coarsest() const { return levels_.front().factor; }
 
@@ -51,7 +51,7 @@ class ScanSchedule {
     double px_per_frame = 0.0;
   };
 
-  void beginRound(double interval_s, int least_frames);
+  void beginRound(double interval_s);
   void divide(Level* level, int frames) const;
   [[nodiscard]] SearchRegion partOf(const Level& level) const;
 

@@ -26,12 +26,6 @@ struct SearchRegion {
   int max_px = 0;
 };
 
-// At the size it is searched at.
-[[nodiscard]] inline double searchedPixels(const SearchRegion& region) {
-  return static_cast<double>(region.window.width) * region.window.height /
-         (region.factor * region.factor);
-}
-
 [[nodiscard]] inline ImageView partOf(const ImageView& image, const Window& window) {
   return {image.row(window.top) + window.left, window.width, window.height, image.stride};
 }
