@@ -27,6 +27,7 @@
 #include "slam/slam.h"
 #include "tools/exit_code.h"
 #include "tools/marker_arguments.h"
+#include "tools/number_arguments.h"
 #include "tools/progress_bar.h"
 #include "tools/recorded_inputs.h"
 #include "tools/run_input.h"
@@ -321,7 +322,7 @@ void addRunCommand(CLI::App& app, int* exit_code) {
   command
       ->add_option("--fps", arguments->fps,
                    "Frame rate, instead of the recording's own or the camera's fastest, Hz")
-      ->check(CLI::PositiveNumber);
+      ->check(frameRate());
   CLI::Option* no_global =
       command->add_flag("--no-global", arguments->no_global,
                         "Leave the map as it was live: no optimization at the end");
