@@ -117,6 +117,17 @@ TEST_F(WaymarkTool, NumbersThatAreNone) {
   expectBadInput(waymark({"map", "merge", "a", "b", "c", "--tolerance", "nan"}), "--tolerance");
 }
 
+TEST_F(WaymarkTool, AnOriginMarkerThatIsNeverSeenIsToldOf) {
+  EXPECT_EQ(run(video()).err.find("origin"), std::string::npos);
+  const std::string told = run(video(), {{"--origin-marker", "7"}}).err;
+  EXPECT_NE(
+      told.find("waymark: warning: the origin marker 7 was never placed; the world is another"),
+      std::string::npos)
+      << told;
+  expectBadInput(run(video(), {{"--origin-marker", "5000"}}),
+                 "the origin marker 5000 is not in ARUCO_ORIGINAL");
+}
+
 TEST_F(WaymarkTool, FifosAreNoInput) {
   const fs::path fifo = directory_ / "fifo.avi";
   ASSERT_EQ(::mkfifo(fifo.c_str(), 0600), 0);

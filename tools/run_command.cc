@@ -186,6 +186,22 @@ Status processAll(RunInput& input, slam::Slam& slam, StageTimer& timer, bool sho
   }
 }
 
+// Why the world is not the one that was asked for; usually empty.
+std::string otherWorldReason(const slam::Options& options, const slam::Map& map) {
+  const slam::MarkerOptions& markers = options.markers;
+  if (!options.mapping) return {};
+  const auto has_pose = [&](const slam::Anchor& a) { return map.findPosed(a.id) != nullptr; };
+  const std::string other = "; the world is another one";
+  if (markers.origin_marker && map.findPosed(*markers.origin_marker) == nullptr) {
+    return "the origin marker " + std::to_string(*markers.origin_marker) + " was never placed" +
+           other;
+  }
+  if (!markers.anchors.empty() && std::ranges::none_of(markers.anchors, has_pose)) {
+    return "none of the anchors was ever placed" + other;
+  }
+  return {};
+}
+
 // A map that was only localized in stays what it was, byte for byte.
 std::string mapText(const slam::Slam& slam, const RunSetup& setup) {
   if (!setup.options.mapping) return setup.old_map->text;
@@ -259,6 +275,9 @@ Result<ExitCode> run(const RunArguments& arguments) {
                       .optimize = !arguments.no_global,
                       .refine_intrinsics = arguments.refine_intrinsics},
                      &slam);
+  if (const std::string reason = otherWorldReason(setup.options, slam.map()); !reason.empty()) {
+    std::fprintf(stderr, "waymark: warning: %s\n", reason.c_str());
+  }
   if (setup.output) {
     const Status written =
         writeOutputs(slam, record.statistics(slam, timer, setup.input->droppedLate()), record,
