@@ -21,6 +21,11 @@ class ByteRing {
       : capacity_(roundUp(capacity)),
         memory_(std::make_unique<std::uint64_t[]>(capacity_ / kUnit)) {}
 
+  // What a piece takes of the capacity.
+  [[nodiscard]] static constexpr std::size_t bytesFor(std::size_t size) {
+    return kUnit + roundUp(size);
+  }
+
   [[nodiscard]] std::size_t capacity() const { return capacity_; }
 
   // Producer: room for a piece of `size` bytes, to be filled before commit(). Empty when there is

@@ -5,6 +5,7 @@
 #include <cctype>
 #include <cmath>
 #include <fstream>
+#include <iterator>
 #include <sstream>
 #include <string>
 #include <string_view>
@@ -75,8 +76,39 @@ Result<std::vector<ImageFile>> readTimes(const fs::path& times_file) {
   return files;
 }
 
+// Has it the beginning of a JPEG and not its end? OpenCV shows such pictures, grey below. What
+// follows the end mark (a camera's own trailers) does not count, nor does one within a segment (a
+// thumbnail's).
+bool isCutOffJpeg(const fs::path& path) {
+  std::error_code error;
+  if (!fs::is_regular_file(path, error)) return false;
+  std::ifstream stream(path, std::ios::binary);
+  std::string head(2, '\0');
+  if (!stream.read(head.data(), 2) || head != "\xff\xd8") return false;
+  const std::string rest{std::istreambuf_iterator<char>(stream), {}};
+  const auto byte = [&](std::size_t i) { return static_cast<unsigned char>(rest[i]); };
+  std::size_t at = 0;
+  while (at + 1 < rest.size()) {
+    const unsigned char mark = byte(at + 1);
+    // Pictures' data, stuffed FF (FF 00), restarts (FF D0 to D7), and fill bytes before a mark.
+    const bool data = byte(at) != 0xFF || mark == 0 || (mark >= 0xD0 && mark <= 0xD7);
+    if (data || mark == 0xFF) {
+      at += data && byte(at) == 0xFF ? 2 : 1;
+    } else if (mark == 0xD9) {
+      return false;
+    } else if (at + 3 < rest.size()) {
+      at += 2U + (std::size_t{byte(at + 2)} << 8U) + byte(at + 3);  // a segment with its length
+    } else {
+      break;
+    }
+  }
+  return true;
+}
+
 // Empty when OpenCV cannot read it.
 cv::Mat readGrey(const fs::path& path) {
+  std::error_code error;
+  if (fs::is_fifo(path, error)) return {};  // opening it waits for who writes into it
   try {
     return cv::imread(path.string(), cv::IMREAD_GRAYSCALE | cv::IMREAD_IGNORE_ORIENTATION);
   } catch (const cv::Exception&) {
@@ -102,6 +134,7 @@ class ImageDirectorySource final : public FrameSource {
     FramePtr frame = pool_.acquire();
     if (!frame) return TimedOut{};  // nothing is lost: the next call goes on here
     const ImageFile& file = files_[next_];
+    if (isCutOffJpeg(file.path)) return Error{file.path.string() + ": is cut off"};
     const cv::Mat image = readGrey(file.path);
     if (image.empty()) return Error{file.path.string() + ": is not a readable image"};
     if (image.cols != info_.width || image.rows != info_.height) {

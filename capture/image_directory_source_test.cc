@@ -2,10 +2,12 @@
 
 #include <fstream>
 #include <string>
+#include <vector>
 
 #include <gtest/gtest.h>
 #include <opencv2/core.hpp>
 #include <opencv2/imgcodecs.hpp>
+#include <sys/stat.h>
 
 #include "tests/temporary_directory.h"
 
@@ -64,6 +66,36 @@ TEST(ImageDirectorySource, TimesComeFromFramesTxt) {
   std::string error;
   EXPECT_EQ(readAll(**source, &error),
             (std::vector<Seen>{{1, 1560889276319020123}, {2, 1560889276400000000}}));
+}
+
+TEST(ImageDirectorySource, AJpegThatIsCutOff) {
+  const TemporaryDirectory directory;
+  cv::Mat noise(24, 32, CV_8UC1);
+  cv::randu(noise, 0, 256);
+  std::vector<unsigned char> jpeg;
+  for (const int progressive : {0, 1}) {
+    ASSERT_TRUE(cv::imencode(".jpg", noise, jpeg, {cv::IMWRITE_JPEG_PROGRESSIVE, progressive}));
+    const std::string whole(jpeg.begin(), jpeg.end());
+    std::ofstream(directory / "1.jpg") << whole;
+    std::ofstream(directory / "2.jpg") << whole << "a camera's trailer";
+    std::ofstream(directory / "3.jpg") << whole.substr(0, whole.size() - 30);
+    const auto source = openImageDirectory(directory.path(), 10.0);
+    ASSERT_TRUE(source.ok()) << source.error().message;
+    std::string error;
+    EXPECT_EQ(readAll(**source, &error).size(), 2U);
+    EXPECT_EQ(error, (directory / "3.jpg").string() + ": is cut off");
+  }
+}
+
+TEST(ImageDirectorySource, AFifoIsNotWaitedFor) {
+  const TemporaryDirectory directory;
+  writeImage(directory / "1.png", 1);
+  ASSERT_EQ(::mkfifo((directory / "2.png").c_str(), 0600), 0);
+  const auto source = openImageDirectory(directory.path(), 10.0);
+  ASSERT_TRUE(source.ok()) << source.error().message;
+  std::string error;
+  EXPECT_EQ(readAll(**source, &error).size(), 1U);
+  EXPECT_EQ(error, (directory / "2.png").string() + ": is not a readable image");
 }
 
 TEST(ImageDirectorySource, FaultsOfFramesTxtNameTheLine) {

@@ -183,6 +183,9 @@ Result<StreamInfo> describe(const std::filesystem::path& file, eventlog::LogRead
 }  // namespace
 
 bool isEventLog(const std::filesystem::path& file) {
+  // Opening a FIFO waits for who writes into it.
+  std::error_code error;
+  if (!std::filesystem::is_regular_file(file, error)) return false;
   std::array<char, eventlog::kHeaderBytes> bytes{};
   std::ifstream in(file, std::ios::binary);
   if (!in.read(bytes.data(), bytes.size())) return false;

@@ -43,6 +43,10 @@ Opened openRecording(const std::string& spec, const SourceOptions& options) {
                  "; a source is a video file, an event log, a directory of images or a camera "
                  "(v4l2:..., libcamera:...)"};
   }
+  // A pipe: it is read more than once, and opening it may wait for ever.
+  if (!std::filesystem::is_directory(status) && !std::filesystem::is_regular_file(status)) {
+    return Error{spec + ": is neither a file nor a directory"};
+  }
   Opened opened = std::filesystem::is_directory(status) ? openImageDirectory(spec, options.fps)
                   : isEventLog(spec) ? openLog(spec, options.fps, options.camera.keep_jpeg)
                                      : openVideo(spec, options.fps);

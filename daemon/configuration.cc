@@ -1,6 +1,7 @@
 #include "daemon/configuration.h"
 
 #include <algorithm>
+#include <array>
 #include <iterator>
 #include <limits>
 #include <string_view>
@@ -8,6 +9,7 @@
 #include <vector>
 
 #include "capture/open_source.h"
+#include "capture/recorded_file.h"
 #include "daemon/publish/lcm_link.h"
 #include "io/settings/marker_ids.h"
 #include "io/settings/pose_settings.h"
@@ -21,9 +23,11 @@ namespace {
 namespace fs = std::filesystem;
 
 io::ValidationError validateUrl(const std::string& url) {
-  if (multicastAddress(url)) return {};
-  return "must be like \"udpm://239.255.76.67:7667?ttl=0\" with a multicast address, not \"" + url +
-         "\"";
+  if (!multicastAddress(url)) {
+    return "must be like \"udpm://239.255.76.67:7667?ttl=0\" with a multicast address, not \"" +
+           url + "\"";
+  }
+  return wrongUrlOption(url);
 }
 
 // LCM allows 63 characters for a channel; the longest name after the prefix is "DETECTIONS".
@@ -111,6 +115,26 @@ std::vector<io::Setting> configurationKeys(Configuration& c) {
 
 namespace {
 
+// Two kinds of messages on one channel: whoever listens gets what it cannot decode.
+Status checkChannels(const Configuration& c, const fs::path& file) {
+  const auto own = [&](const std::string& name) {
+    return std::ranges::any_of(
+        std::array{"POSE", "DETECTIONS", "MAP", "HEALTH"},
+        [&](const char* of) { return name == c.publish.channel_prefix + of; });
+  };
+  const auto taken = [&](const char* key, const std::string& name) {
+    return Error{file.string() + ": " + key + ": \"" + io::oneLine(name) +
+                 "\" is another message's channel already"};
+  };
+  if (own(c.publish.pose_channel)) return taken("publish.pose_channel", c.publish.pose_channel);
+  const std::string& images = c.record.image_channel;
+  if (own(images) || images == c.publish.pose_channel ||
+      images == capture::RecordedFile::kChannel) {
+    return taken("record.image_channel", images);
+  }
+  return success();
+}
+
 bool simulated(const Configuration& c) { return c.camera.source.starts_with("sim:"); }
 
 // What no single key can say.
@@ -134,6 +158,10 @@ Status checkTogether(const Configuration& c, const fs::path& file) {
   if (const std::string reason = c.slam.options.invalidReason(); !reason.empty()) {
     return Error{file.string() + ": slam: " + reason};
   }
+  if (const std::string reason = io::foreignMarkersReason(c.slam); !reason.empty()) {
+    return Error{file.string() + ": slam: " + reason};
+  }
+  if (Status channels = checkChannels(c, file); !channels) return channels;
   if (c.record.quota_mib > 0 && c.record.quota_mib < c.record.file_mib) {
     return Error{file.string() + ": record.quota_mib: smaller than one file (record.file_mib, " +
                  std::to_string(c.record.file_mib) + ")"};

@@ -249,6 +249,50 @@ TEST(Configuration, RejectsUnusableUrlsAndChannels) {
             "/etc/w.toml:7:16: publish.pose_channel: must be at most 50 characters without spaces");
 }
 
+TEST(Configuration, UrlOptionsThatLcmWouldNotTake) {
+  const auto of = [](const std::string& options) {
+    return errorOf(kCamera + kSlam + "[publish]\nurl = \"udpm://239.255.76.67:1?" + options +
+                   "\"\n");
+  };
+  EXPECT_EQ(of("ttl=1&recv_buf_size=100000"), "no error");
+  EXPECT_EQ(of("ttl=256"), "/etc/w.toml:7:7: publish.url: its ttl must be from 0 to 255");
+  EXPECT_EQ(of("tll=1"),
+            "/etc/w.toml:7:7: publish.url: may have the options ttl and recv_buf_size, joined by "
+            "\"&\", and not \"tll=1\"");
+}
+
+TEST(Configuration, OneChannelForEachKindOfMessage) {
+  const std::string text = kCamera + kSlam;
+  const std::string prefix = "[publish]\nchannel_prefix = \"A_\"\n";
+  EXPECT_EQ(errorOf(text + "[publish]\npose_channel = \"WAYMARK_POSE\"\n"),
+            "/etc/w.toml: publish.pose_channel: \"WAYMARK_POSE\" is another message's channel "
+            "already");
+  EXPECT_EQ(errorOf(text + prefix + "pose_channel = \"WAYMARK_POSE\"\n"), "no error");
+  EXPECT_EQ(errorOf(text + prefix + "pose_channel = \"A_MAP\"\n"),
+            "/etc/w.toml: publish.pose_channel: \"A_MAP\" is another message's channel already");
+  for (const char* taken : {"POSE", "WAYMARK_HEALTH", "WAYMARK_FILE"}) {
+    EXPECT_EQ(errorOf(text + "[record]\nimage_channel = \"" + taken + "\"\n"),
+              "/etc/w.toml: record.image_channel: \"" + std::string(taken) +
+                  "\" is another message's channel already");
+  }
+}
+
+TEST(Configuration, MarkersThatTheDictionaryHas) {
+  const std::string anchor = "[[slam.markers.anchors]]\np_m = [1, 2, 3]\nq_wxyz = [1, 0, 0, 0]\n";
+  EXPECT_EQ(errorOf(kCamera + kSlam + anchor + "id = 49\n"), "no error");
+  EXPECT_EQ(errorOf(kCamera + kSlam + anchor + "id = 50\n"),
+            "/etc/w.toml: slam: anchor 50 is not in 4X4_50, whose ids are 0 to 49");
+  EXPECT_EQ(errorOf(kCamera + kSlam + "[slam.markers]\norigin = 50\n"),
+            "/etc/w.toml: slam: the origin marker 50 is not in 4X4_50, whose ids are 0 to 49");
+}
+
+TEST(Configuration, PathsWithoutNul) {
+  EXPECT_EQ(errorOf(kCamera + kSlam + "map_out = \"a\\u0000b\"\n"),
+            "/etc/w.toml:6:11: slam.map_out: must not contain NUL");
+  EXPECT_EQ(errorOf("[camera]\nsource = \"sim:walls\\u0000\"\n" + kSlam),
+            "/etc/w.toml:2:10: camera.source: must not contain NUL");
+}
+
 TEST(Configuration, SaysWhatIsMissing) {
   EXPECT_EQ(errorOf(kCamera), "/etc/w.toml: slam.dictionary: missing");
   EXPECT_EQ(errorOf(kSlam), "/etc/w.toml: camera.source: missing");

@@ -40,8 +40,7 @@ fs::path controlSocket(const Configuration& configuration) {
 }
 
 // Null where nobody wants a socket.
-Result<std::unique_ptr<ControlServer>> openControl(const Configuration& configuration) {
-  const fs::path socket = controlSocket(configuration);
+Result<std::unique_ptr<ControlServer>> openControl(const fs::path& socket) {
   if (socket.empty()) return std::unique_ptr<ControlServer>();
   return ControlServer::open(socket);
 }
@@ -56,12 +55,19 @@ Result<std::optional<DaemonParts>> prepare(const fs::path& file, const Configura
   }
   Result<StartMap> start = readStartMap(configuration.slam, camera->calibration);
   if (!start) return start.error();
-  // A start would go on; whoever asks wants to know.
-  if (check_only && !start->not_writable.empty()) return Error{start->not_writable};
-  if (check_only) return std::optional<DaemonParts>();
+  if (const Status s = checkRecorder(configuration.record, camera->calibration); !s) {
+    return s.error();
+  }
+  const fs::path socket = controlSocket(configuration);
+  if (check_only) {
+    // A start would go on; whoever asks wants to know.
+    if (!start->not_writable.empty()) return Error{start->not_writable};
+    if (const Status s = ControlServer::checkPlace(socket); !s) return s.error();
+    return std::optional<DaemonParts>();
+  }
   std::unique_ptr<Recorder> recorder =
       makeRecorder(configuration, file, camera->calibration, *start, log);
-  Result<std::unique_ptr<ControlServer>> control = openControl(configuration);
+  Result<std::unique_ptr<ControlServer>> control = openControl(socket);
   if (!control) return control.error();
   return std::optional(DaemonParts{.configuration_file = file,
                                    .configuration = configuration,

@@ -9,7 +9,6 @@
 #include <thread>
 #include <utility>
 
-#include "base/clock.h"
 #include "io/trajectory.h"
 #include "simulator/simulated_source.h"
 #include "simulator/truth_files.h"
@@ -103,10 +102,7 @@ void LiveSimulatedSource::renderLoop(int threads) {
   work();
 }
 
-void LiveSimulatedSource::start() {
-  started_ = Clock::now();
-  started_utime_ = wallUs();
-}
+void LiveSimulatedSource::start() { started_ = Clock::now(); }
 
 LiveSimulatedSource::Clock::time_point LiveSimulatedSource::readyTime(
     std::uint64_t sequence) const {
@@ -155,11 +151,13 @@ capture::FramePtr LiveSimulatedSource::takeNext() {
               bytes);
   const double time_s = static_cast<double>(sequence) / info_.rate_hz;
   const auto monotonic = (*started_ + seconds(time_s)).time_since_epoch();
-  frame->setStamp(
-      {.sequence = sequence,
-       .monotonic_ns = std::chrono::duration_cast<std::chrono::nanoseconds>(monotonic).count(),
-       .utime = started_utime_ + std::llround(time_s * 1e6),
-       .exposure_ns = std::llround(simulation_->options().exposure_s * 1e9)});
+  const std::int64_t monotonic_ns =
+      std::chrono::duration_cast<std::chrono::nanoseconds>(monotonic).count();
+  wall_clock_.update();
+  frame->setStamp({.sequence = sequence,
+                   .monotonic_ns = monotonic_ns,
+                   .utime = wall_clock_.utime(monotonic_ns),
+                   .exposure_ns = std::llround(simulation_->options().exposure_s * 1e9)});
   ++counters_.frames;
   if (truth_directory_) handed_out_.push_back({frame->stamp().utime, sequence});
   return frame;

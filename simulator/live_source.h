@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "capture/frame_source.h"
+#include "capture/wall_clock.h"
 #include "simulator/simulation.h"
 
 namespace waymark::simulator {
@@ -77,7 +78,7 @@ class LiveSimulatedSource : public capture::FrameSource {
   capture::SourceCounters counters_;
   std::vector<std::uint8_t> loop_;  // every frame of the loop, one after the other
   std::optional<Clock::time_point> started_;
-  std::int64_t started_utime_ = 0;
+  capture::WallClock wall_clock_;
   std::uint64_t next_ = 0;
   std::deque<HandedOut> handed_out_;  // a deque: growing never copies what is there
 };

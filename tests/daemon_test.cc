@@ -241,5 +241,25 @@ TEST_F(DaemonTest, CheckReadsAndExits) {
   EXPECT_EQ(daemon.stderrText(), "");
 }
 
+TEST_F(DaemonTest, CheckRefusesWhatAStartRefuses) {
+  writeImages(1);
+  const std::string long_name = directory_ / std::string(120, 'x');
+  const auto said = [&](const std::string& more, bool check) {
+    std::vector<std::string> words = command(cameraSection(20.0) + kSlam + more);
+    if (check) words.emplace_back("--check");
+    Process daemon(words, stderrFile());
+    EXPECT_EQ(daemon.wait(milliseconds(20'000)), 2) << more;
+    return daemon.stderrText();
+  };
+  const std::string file = directory_ / "waymarkd.toml";
+  for (const std::string& more :
+       {"[control]\nsocket = \"" + long_name + "\"\n", "[control]\nsocket = \"" + file + "\"\n",
+        "[record]\ndirectory = \"" + file + "\"\n"}) {
+    const std::string by_check = said(more, true);
+    EXPECT_EQ(by_check, said(more, false));
+    EXPECT_EQ(std::ranges::count(by_check, '\n'), 1);
+  }
+}
+
 }  // namespace
 }  // namespace waymark::testing

@@ -14,6 +14,7 @@
 #include <opencv2/core.hpp>
 #include <opencv2/imgcodecs.hpp>
 #include <opencv2/videoio.hpp>
+#include <sys/stat.h>
 
 #include "io/calibrations/calibration_file.h"
 #include "tests/process.h"
@@ -111,6 +112,34 @@ TEST_F(WaymarkTool, BadUsageIsOneLine) {
   expectBadInput(run(video(), {{"--fps", "fast"}}), "--fps");
 }
 
+TEST_F(WaymarkTool, NumbersThatAreNone) {
+  expectBadInput(run(video(), {{"--fps", "1e-300"}}), "--fps: '1e-300' must be a number from ");
+  expectBadInput(run(video(), {{"--fps", "nan"}}), "--fps");
+  expectBadInput(waymark({"echo", "--interval", "nan"}), "--interval");
+  expectBadInput(waymark({"echo", "--duration", "nan"}), "--duration");
+  expectBadInput(waymark({"record", "v4l2:0", "--duration", "nan"}), "--duration");
+  expectBadInput(waymark({"eval", "--tolerance", "nan"}), "--tolerance");
+  expectBadInput(waymark({"map", "merge", "a", "b", "c", "--tolerance", "nan"}), "--tolerance");
+}
+
+TEST_F(WaymarkTool, AnOriginMarkerThatIsNeverSeenIsToldOf) {
+  EXPECT_EQ(run(video()).err.find("origin"), std::string::npos);
+  const std::string told = run(video(), {{"--origin-marker", "7"}}).err;
+  EXPECT_NE(
+      told.find("waymark: warning: the origin marker 7 was never placed; the world is another"),
+      std::string::npos)
+      << told;
+  expectBadInput(run(video(), {{"--origin-marker", "5000"}}),
+                 "the origin marker 5000 is not in ARUCO_ORIGINAL");
+}
+
+TEST_F(WaymarkTool, FifosAreNoInput) {
+  const fs::path fifo = directory_ / "fifo.avi";
+  ASSERT_EQ(::mkfifo(fifo.c_str(), 0600), 0);
+  expectBadInput(run(fifo.string()), "fifo.avi: is neither a file nor a directory");
+  expectBadInput(run(video(), {{"--calibration", fifo.string()}}), "fifo.avi: is a FIFO");
+}
+
 TEST_F(WaymarkTool, BadVideos) {
   expectBadInput(run((directory_ / "missing.avi").string()), "missing.avi: no such file");
   expectBadInput(run((directory_ / "calib.yml").string()), "calib.yml: is not a video");
@@ -146,7 +175,7 @@ TEST_F(WaymarkTool, BadCalibrations) {
 TEST_F(WaymarkTool, BadMarkers) {
   expectBadInput(run(video(), {{"--dictionary", "APRILTAG_99"}}),
                  "--dictionary: \"APRILTAG_99\" is not a known dictionary; known are 4X4_100");
-  for (const char* size : {"0", "-0.1", "big", "5cm", "nan", "inf"}) {
+  for (const char* size : {"0", "-0.1", "big", "5cm", "nan", "inf", "1e9"}) {
     expectBadInput(run(video(), {{"--marker-size", size}}), "--marker-size");
   }
 }

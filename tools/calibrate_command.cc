@@ -27,6 +27,7 @@
 #include "tools/calibration/view_collector.h"
 #include "tools/calibration_output.h"
 #include "tools/exit_code.h"
+#include "tools/number_arguments.h"
 #include "tools/progress_bar.h"
 
 namespace waymark::tools {
@@ -176,9 +177,9 @@ void addOptions(CLI::App* command, CalibrateArguments* a) {
                    "calibration.png")
       ->required();
   command->add_option("--fps", a->fps, "Frame rate, instead of the recording's own, Hz")
-      ->check(CLI::PositiveNumber);
+      ->check(frameRate());
   command->add_option("--duration", a->duration_s, "Look at a camera for so long, seconds")
-      ->check(CLI::PositiveNumber);
+      ->check(duration());
   command->add_flag("--quiet", a->quiet, "Say nothing but errors");
 }
 

@@ -24,6 +24,7 @@
 #include "slam/geometry/transform.h"
 #include "tools/exit_code.h"
 #include "tools/maps/live_map.h"
+#include "tools/number_arguments.h"
 #include "tools/pose_stream.h"
 #include <waymark/health_t.hpp>
 #include <waymark/map_t.hpp>
@@ -236,7 +237,7 @@ void addEchoCommand(CLI::App& app, int* exit_code) {
   echo->add_flag("--quiet", options->quiet, "No line for each message");
   echo->add_option("--interval", options->interval_s,
                    "At most one line in so many seconds; all messages count nevertheless")
-      ->check(CLI::NonNegativeNumber);
+      ->check(numberFrom(0.0, 1e9));
   echo->add_option("--map", options->map_file,
                    "At the end: write the last map into this JSON file");
   echo->add_option("--picture", options->picture_file,
@@ -247,7 +248,7 @@ void addEchoCommand(CLI::App& app, int* exit_code) {
   echo->add_option("--count", options->count, "Stop after so many messages")
       ->check(CLI::PositiveNumber);
   echo->add_option("--duration", options->duration_s, "Stop after so many seconds")
-      ->check(CLI::PositiveNumber);
+      ->check(duration());
   echo->callback([options, exit_code] {
     std::setvbuf(stdout, nullptr, _IOLBF, 0);  // whole lines also into a pipe
     const Result<ExitCode> result = Echo(*options).run();

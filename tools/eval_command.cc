@@ -23,6 +23,7 @@
 #include "tools/evaluation/accuracy_limit.h"
 #include "tools/evaluation/evaluation.h"
 #include "tools/exit_code.h"
+#include "tools/number_arguments.h"
 
 namespace waymark::tools {
 namespace {
@@ -230,7 +231,7 @@ void addOptions(CLI::App* command, EvalArguments* a) {
       ->add_option("--tolerance", a->tolerance_ms,
                    "Poses of one frame are at most this far apart in time, ms")
       ->capture_default_str()
-      ->check(CLI::NonNegativeNumber);
+      ->check(numberFrom(0.0, 1e9));
   command->add_flag("--json", a->json, "Print JSON");
 }
 

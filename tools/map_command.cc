@@ -24,6 +24,7 @@
 #include "tools/exit_code.h"
 #include "tools/maps/map_info.h"
 #include "tools/maps/map_merge.h"
+#include "tools/number_arguments.h"
 
 namespace waymark::tools {
 namespace {
@@ -239,7 +240,7 @@ void addMerge(CLI::App& map, int* exit_code) {
       ->add_option("--tolerance", arguments->options.tolerance_m,
                    "Corners of a shared marker may be this far apart, metres")
       ->capture_default_str()
-      ->check(CLI::PositiveNumber);
+      ->check(numberFrom(1e-6, 1e3));
   command
       ->add_option("--min-shared", arguments->options.min_agreeing,
                    "Shared markers that must agree")

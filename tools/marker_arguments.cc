@@ -22,9 +22,10 @@ Status takeDictionary(const MarkerArguments& arguments, io::SlamSettings* settin
 Status takeSizes(const MarkerArguments& arguments, slam::MarkerOptions* markers) {
   if (!arguments.marker_size.empty()) {
     const std::optional<double> size_m = io::parseDouble(arguments.marker_size);
-    if (!size_m || !(*size_m > 0.0)) {
+    // As in the configuration.
+    if (!size_m || !(*size_m >= 1e-3 && *size_m <= 100.0)) {
       return Error{"--marker-size: '" + arguments.marker_size +
-                   "' must be a positive number of metres"};
+                   "' must be a number of metres, from 0.001 to 100"};
     }
     markers->size_m = *size_m;
   }
@@ -83,6 +84,9 @@ Result<io::SlamSettings> slamSettings(const MarkerArguments& arguments,
   if (markers.size_m == 0.0) return Error{"--marker-size is required" + where};
   if (const std::string reason = settings.options.invalidReason(); !reason.empty()) {
     return Error{(arguments.config.empty() ? "" : arguments.config + ": slam: ") + reason};
+  }
+  if (const std::string reason = io::foreignMarkersReason(settings); !reason.empty()) {
+    return Error{reason};
   }
   return settings;
 }

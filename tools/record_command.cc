@@ -25,6 +25,7 @@
 #include "io/text/number_text.h"
 #include "io/text/text_file.h"
 #include "tools/exit_code.h"
+#include "tools/number_arguments.h"
 #include "tools/progress_bar.h"
 
 namespace waymark::tools {
@@ -202,9 +203,9 @@ void addRecordCommand(CLI::App& app, int* exit_code) {
                       "The camera's calibration; recorded, too, and says which size to ask for");
   command->add_option("--config", arguments->config,
                       "Configuration file whose section [slam] `waymark run` shall use; recorded");
-  command->add_option("--fps", arguments->fps, "Frames a second")->check(CLI::PositiveNumber);
+  command->add_option("--fps", arguments->fps, "Frames a second")->check(frameRate());
   command->add_option("--duration", arguments->duration_s, "Seconds, from the first frame")
-      ->check(CLI::PositiveNumber);
+      ->check(duration());
   CLI::Option* width =
       command->add_option("--width", arguments->width, "Pixels")->check(CLI::PositiveNumber);
   CLI::Option* height =

@@ -29,6 +29,7 @@
 #include "slam/slam.h"
 #include "tools/exit_code.h"
 #include "tools/marker_arguments.h"
+#include "tools/number_arguments.h"
 #include "tools/progress_bar.h"
 #include "tools/recorded_inputs.h"
 #include "tools/run_input.h"
@@ -196,6 +197,22 @@ Result<std::string> processAll(RunInput& input, const daemon::StopSignal& stop, 
   }
 }
 
+// Why the world is not the one that was asked for; usually empty.
+std::string otherWorldReason(const slam::Options& options, const slam::Map& map) {
+  const slam::MarkerOptions& markers = options.markers;
+  if (!options.mapping) return {};
+  const auto has_pose = [&](const slam::Anchor& a) { return map.findPosed(a.id) != nullptr; };
+  const std::string other = "; the world is another one";
+  if (markers.origin_marker && map.findPosed(*markers.origin_marker) == nullptr) {
+    return "the origin marker " + std::to_string(*markers.origin_marker) + " was never placed" +
+           other;
+  }
+  if (!markers.anchors.empty() && std::ranges::none_of(markers.anchors, has_pose)) {
+    return "none of the anchors was ever placed" + other;
+  }
+  return {};
+}
+
 // A map that was only localized in stays what it was, byte for byte.
 std::string mapText(const slam::Slam& slam, const RunSetup& setup) {
   if (!setup.options.mapping) return setup.old_map->text;
@@ -309,6 +326,9 @@ Result<ExitCode> run(const RunArguments& arguments) {
                       .optimize = !arguments.no_global,
                       .refine_intrinsics = arguments.refine_intrinsics},
                      &slam);
+  if (const std::string reason = otherWorldReason(setup.options, slam.map()); !reason.empty()) {
+    std::fprintf(stderr, "waymark: warning: %s\n", reason.c_str());
+  }
   if (setup.output) {
     const auto statistics = [&](const std::string& why) {
       return record.statistics(slam, timer, setup.input->droppedLate(), why);
@@ -367,7 +387,7 @@ void addRunCommand(CLI::App& app, int* exit_code) {
   command
       ->add_option("--fps", arguments->fps,
                    "Frame rate, instead of the recording's own or the camera's fastest, Hz")
-      ->check(CLI::PositiveNumber);
+      ->check(frameRate());
   CLI::Option* no_global =
       command->add_flag("--no-global", arguments->no_global,
                         "Leave the map as it was live: no optimization at the end");

@@ -66,6 +66,15 @@ std::vector<io::RecordedFrame> RunRecord::recordedFrames() const {
   return recorded;
 }
 
+std::vector<std::int64_t> RunRecord::loopClosedAt_ns(const slam::Counters& counters) const {
+  std::vector<std::int64_t> all = loop_closed_at_ns_;
+  // What was under way at the last frame is finished after it.
+  if (!frames_.empty() && all.size() < counters.loop_closures) {
+    all.resize(counters.loop_closures, frames_.back().monotonic_ns);
+  }
+  return all;
+}
+
 std::string RunRecord::statistics(const slam::Slam& slam, const StageTimer& timer,
                                   std::uint64_t dropped_late, const std::string& incomplete) const {
   const slam::Counters& counters = slam.counters();
@@ -80,7 +89,7 @@ std::string RunRecord::statistics(const slam::Slam& slam, const StageTimer& time
   json["markers"] = posedMarkers(slam.map());
   json["loop_closures"] = counters.loop_closures;
   json["loop_closed_at_s"] = Json::array();
-  for (const std::int64_t time_ns : loop_closed_at_ns_) {
+  for (const std::int64_t time_ns : loopClosedAt_ns(counters)) {
     json["loop_closed_at_s"].push_back(1e-9 * static_cast<double>(time_ns));
   }
   json["relocalizations"] = counters.relocalizations;

@@ -42,6 +42,8 @@ class RunRecord {
   [[nodiscard]] io::Trajectory finalTrajectory(const slam::Slam& slam) const;
   // Every frame's detections, for replaying them.
   [[nodiscard]] std::vector<io::RecordedFrame> recordedFrames() const;
+  // When each of all closed loops closed: the time of the frame; `counters` as they are at the end.
+  [[nodiscard]] std::vector<std::int64_t> loopClosedAt_ns(const slam::Counters& counters) const;
   // stats.json of the interface. `incomplete`: why there is more than these results tell; usually
   // empty.
   [[nodiscard]] std::string statistics(const slam::Slam& slam, const StageTimer& timer,

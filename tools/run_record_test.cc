@@ -70,5 +70,18 @@ TEST(RunRecord, OfACameraTheLatestFramesAreKept) {
   EXPECT_EQ(trajectory.back().T_w_c.p.x(), 1049.0);
 }
 
+TEST(RunRecord, ALoopThatClosesAfterTheLastFrame) {
+  RunRecord record;
+  slam::Counters counters;
+  record.add(0, {}, counters);
+  counters.loop_closures = 1;
+  record.add(kPeriod_ns, {}, counters);
+  record.add(2 * kPeriod_ns, {}, counters);
+  EXPECT_EQ(record.loopClosedAt_ns(counters), (std::vector<std::int64_t>{kPeriod_ns}));
+  counters.loop_closures = 2;
+  EXPECT_EQ(record.loopClosedAt_ns(counters),
+            (std::vector<std::int64_t>{kPeriod_ns, 2 * kPeriod_ns}));
+}
+
 }  // namespace
 }  // namespace waymark::tools

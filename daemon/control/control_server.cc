@@ -3,12 +3,16 @@
 #include <algorithm>
 #include <array>
 #include <cerrno>
+#include <chrono>
 #include <cstring>
+#include <thread>
 #include <utility>
 
+#include <fcntl.h>
 #include <poll.h>
 #include <sys/epoll.h>
 #include <sys/eventfd.h>
+#include <sys/file.h>
 #include <sys/socket.h>
 #include <sys/stat.h>
 #include <sys/un.h>
@@ -61,13 +65,28 @@ ino_t inodeOf(const fs::path& path) {
   return ::lstat(path.c_str(), &file) == 0 ? file.st_ino : 0;
 }
 
+// Between bind and listen a socket looks abandoned: daemons that make theirs in one directory do so
+// one after the other. Held until the descriptor is closed; empty where the directory cannot be
+// opened.
+Result<UniqueFd> lockDirectoryOf(const fs::path& path) {
+  using std::chrono_literals::operator""ms;
+  constexpr auto kPause = 10ms;
+  constexpr int kAttempts = 500;  // making a socket takes less than a millisecond
+  const fs::path directory = path.has_parent_path() ? path.parent_path() : fs::path(".");
+  UniqueFd lock(::open(directory.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC));
+  for (int i = 0; lock && ::flock(lock.get(), LOCK_EX | LOCK_NB) != 0; ++i) {
+    if (errno != EWOULDBLOCK && errno != EINTR) return UniqueFd();  // a file system without locks
+    if (i == kAttempts) {
+      return Error{directory.string() + ": another program keeps this directory locked"};
+    }
+    std::this_thread::sleep_for(kPause);
+  }
+  return lock;
+}
+
 // What stands in the socket's place: an abandoned socket goes away.
 Status clearPlace(const fs::path& path, const sockaddr_un& address) {
-  struct stat file {};
-  if (::lstat(path.c_str(), &file) != 0) return success();  // bind knows what is wrong, if anything
-  if (!S_ISSOCK(file.st_mode)) {
-    return Error{path.string() + ": is a file, where the control socket should be"};
-  }
+  if (inodeOf(path) == 0) return success();  // bind knows what is wrong, if anything
   const UniqueFd probe = newSocket();
   const int outcome =
       ::connect(probe.get(), reinterpret_cast<const sockaddr*>(&address), sizeof address);
@@ -82,12 +101,23 @@ Status clearPlace(const fs::path& path, const sockaddr_un& address) {
 
 }  // namespace
 
-Result<std::unique_ptr<ControlServer>> ControlServer::open(const fs::path& path,
-                                                           const Options& options) {
+Status ControlServer::checkPlace(const fs::path& path) {
   if (path.native().size() >= sizeof(sockaddr_un::sun_path)) {
     return Error{path.string() + ": too long for a socket's name; the system takes " +
                  std::to_string(sizeof(sockaddr_un::sun_path) - 1) + " bytes"};
   }
+  struct stat file {};
+  if (::lstat(path.c_str(), &file) == 0 && !S_ISSOCK(file.st_mode)) {
+    return Error{path.string() + ": is a file, where the control socket should be"};
+  }
+  return success();
+}
+
+Result<std::unique_ptr<ControlServer>> ControlServer::open(const fs::path& path,
+                                                           const Options& options) {
+  if (const Status place = checkPlace(path); !place) return place.error();
+  const Result<UniqueFd> lock = lockDirectoryOf(path);
+  if (!lock) return lock.error();
   const sockaddr_un address = addressOf(path);
   if (const Status clear = clearPlace(path, address); !clear) return clear.error();
   UniqueFd listener = newSocket();

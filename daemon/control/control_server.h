@@ -57,6 +57,9 @@ class ControlServer {
   ControlServer& operator=(const ControlServer&) = delete;
   ~ControlServer();  // removes the file
 
+  // What open() would say of this place on any day: too long a name, or something else is there.
+  [[nodiscard]] static Status checkPlace(const std::filesystem::path& path);
+
   void setHandler(Handler handler) { handler_ = std::move(handler); }
   // Called within serve() with each client that has hung up while it waited for its answer.
   void setGoneHandler(std::function<void(ClientId)> gone) { gone_ = std::move(gone); }

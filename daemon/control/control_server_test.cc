@@ -1,13 +1,17 @@
 #include "daemon/control/control_server.h"
 
+#include <chrono>
 #include <cstring>
 #include <fstream>
+#include <future>
 #include <map>
 #include <memory>
 #include <string>
 #include <vector>
 
+#include <fcntl.h>
 #include <gtest/gtest.h>
+#include <sys/file.h>
 #include <sys/stat.h>
 
 #include "daemon/control/testing_client.h"
@@ -94,6 +98,32 @@ TEST_F(ControlServerTest, WhatStandsInItsPlace) {
   std::ofstream(path_) << "text";
   EXPECT_EQ(openError(), path_.string() + ": is a file, where the control socket should be");
   EXPECT_TRUE(std::filesystem::exists(path_));
+}
+
+// A daemon that has bound its socket and does not listen yet looks like one that was killed.
+TEST_F(ControlServerTest, AnotherDaemonThatIsJustStarting) {
+  const UniqueFd directory(::open(directory_.path().c_str(), O_RDONLY | O_DIRECTORY));
+  ASSERT_EQ(::flock(directory.get(), LOCK_EX), 0);
+  const UniqueFd other(::socket(AF_UNIX, SOCK_STREAM, 0));
+  sockaddr_un address{};
+  address.sun_family = AF_UNIX;
+  std::memcpy(address.sun_path, path_.c_str(), path_.native().size());
+  ASSERT_EQ(::bind(other.get(), reinterpret_cast<sockaddr*>(&address), sizeof address), 0);
+  std::future<std::string> error = std::async(std::launch::async, [this] { return openError(); });
+  EXPECT_EQ(error.wait_for(std::chrono::milliseconds(100)), std::future_status::timeout);
+  ASSERT_EQ(::listen(other.get(), 1), 0);
+  ASSERT_EQ(::flock(directory.get(), LOCK_UN), 0);
+  EXPECT_EQ(error.get(), path_.string() + ": another daemon listens on this control socket");
+  EXPECT_TRUE(std::filesystem::exists(path_));
+}
+
+TEST_F(ControlServerTest, WhatIsWrongWithAPlaceOnAnyDay) {
+  EXPECT_TRUE(ControlServer::checkPlace(directory_ / "none/control.sock")) << "made at the start";
+  open({});
+  EXPECT_TRUE(ControlServer::checkPlace(path_)) << "the daemon may be running";
+  EXPECT_FALSE(ControlServer::checkPlace(directory_ / std::string(120, 'x')));
+  std::ofstream(directory_ / "file") << "text";
+  EXPECT_FALSE(ControlServer::checkPlace(directory_ / "file"));
 }
 
 TEST_F(ControlServerTest, PathsThatCannotBe) {

@@ -56,6 +56,31 @@ std::optional<sockaddr_in> multicastAddress(const std::string& url) {
   return address;
 }
 
+std::optional<std::string> wrongUrlOption(const std::string& url) {
+  constexpr int kMaxTtl = 255;
+  const std::size_t mark = url.find('?');
+  std::string_view rest = mark == url.npos ? "" : std::string_view(url).substr(mark + 1);
+  while (!rest.empty()) {
+    const std::string_view option = rest.substr(0, rest.find('&'));
+    rest.remove_prefix(std::min(option.size() + 1, rest.size()));
+    const std::string_view name = option.substr(0, option.find('='));
+    const std::string_view text = option.substr(std::min(name.size() + 1, option.size()));
+    int value = 0;
+    const char* const end = text.data() + text.size();
+    const auto [stop, error] = std::from_chars(text.data(), end, value);
+    const bool whole = !text.empty() && error == std::errc{} && stop == end;
+    if (name == "ttl") {
+      if (!whole || value < 0 || value > kMaxTtl) return "its ttl must be from 0 to 255";
+    } else if (name == "recv_buf_size") {
+      if (!whole || value <= 0) return "its recv_buf_size must be a positive number of bytes";
+    } else {
+      return "may have the options ttl and recv_buf_size, joined by \"&\", and not \"" +
+             std::string(option) + "\"";
+    }
+  }
+  return {};
+}
+
 bool hasRoute(const sockaddr_in& address) { return static_cast<bool>(connectTo(address)); }
 
 LcmLink::LcmLink(const std::string& url, const Log& log)

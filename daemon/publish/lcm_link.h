@@ -19,6 +19,10 @@ namespace waymark::daemon {
 // be left out, as LCM allows. Empty for anything else.
 [[nodiscard]] std::optional<sockaddr_in> multicastAddress(const std::string& url);
 
+// Of the options behind the "?", which LCM itself only warns of, or fails with for ever: which is
+// wrong. Precondition: multicastAddress(url) is not empty.
+[[nodiscard]] std::optional<std::string> wrongUrlOption(const std::string& url);
+
 // Could a message be sent there now? Without a route, lcm_create fails and fills stderr.
 [[nodiscard]] bool hasRoute(const sockaddr_in& address);
 

@@ -31,5 +31,16 @@ TEST(MulticastAddress, RejectsWhatCannotWork) {
   }
 }
 
+TEST(UrlOptions, ThoseThatLcmTakes) {
+  for (const char* url : {"udpm://", "udpm://239.1.1.1:1", "udpm://239.1.1.1:1?",
+                          "udpm://239.1.1.1:1?ttl=0", "udpm://?recv_buf_size=1000&ttl=255"}) {
+    EXPECT_FALSE(wrongUrlOption(url)) << url;
+  }
+  for (const char* options : {"ttl", "ttl=", "ttl=-1", "ttl=256", "ttl=1x", "ttl=0&ttl=a",
+                              "recv_buf_size=0", "recv_buf_size=99999999999", "TTL=1", "ttl=0,x"}) {
+    EXPECT_TRUE(wrongUrlOption(std::string("udpm://?") + options)) << options;
+  }
+}
+
 }  // namespace
 }  // namespace waymark::daemon

@@ -60,6 +60,11 @@ eventlog::RollingLog::Counters operator+(eventlog::RollingLog::Counters a,
 
 }  // namespace
 
+std::size_t Recorder::leastBufferBytes(int width, int height) {
+  return 2 * ByteRing::bytesFor(sizeof(FrameHeader) +
+                                static_cast<std::size_t>(width) * static_cast<std::size_t>(height));
+}
+
 Recorder::Recorder(RecorderOptions options, const std::vector<capture::RecordedFile>& files,
                    const Log& log)
     : options_(withPreamble(std::move(options), files)),

@@ -48,6 +48,10 @@ class Recorder {
     std::string file;    // being written
   };
 
+  // Of frame_buffer_bytes, for frames of that size: a piece that is no larger than half of the ring
+  // finds room in it when it is empty, wherever it stands.
+  [[nodiscard]] static std::size_t leastBufferBytes(int width, int height);
+
   // Takes the buffers' memory. Each log begins with `files`.
   Recorder(RecorderOptions options, const std::vector<capture::RecordedFile>& files,
            const Log& log);

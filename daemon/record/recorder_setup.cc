@@ -1,8 +1,11 @@
 #include "daemon/record/recorder_setup.h"
 
+#include <string>
+#include <system_error>
 #include <utility>
 #include <vector>
 
+#include "base/image_view.h"
 #include "io/calibrations/calibration_file.h"
 
 namespace waymark::daemon {
@@ -25,6 +28,21 @@ RecorderOptions recorderOptions(const Configuration::Record& record) {
   options.image_channel = record.image_channel;
   options.frame_buffer_bytes = bytes(record.buffer_mib);
   return options;
+}
+
+Status checkRecorder(const Configuration::Record& record, const slam::Calibration& calibration) {
+  if (record.directory.empty()) return success();
+  std::error_code error;
+  const fs::file_status place = fs::status(record.directory, error);
+  if (fs::exists(place) && !fs::is_directory(place)) {
+    return Error{record.directory.string() + ": is a file, where recordings should go"};
+  }
+  const std::size_t needed = Recorder::leastBufferBytes(calibration.width, calibration.height);
+  if (record.images && recorderOptions(record).frame_buffer_bytes < needed) {
+    return Error{"record.buffer_mib: must be at least " + std::to_string((needed >> 20U) + 1) +
+                 " for pictures of " + sizeText(calibration.width, calibration.height)};
+  }
+  return success();
 }
 
 std::unique_ptr<Recorder> makeRecorder(const Configuration& configuration,

@@ -4,6 +4,7 @@
 #include <filesystem>
 #include <memory>
 
+#include "base/result.h"
 #include "daemon/configuration.h"
 #include "daemon/maps/map_keeper.h"
 #include "daemon/record/recorder.h"
@@ -13,6 +14,11 @@
 namespace waymark::daemon {
 
 [[nodiscard]] RecorderOptions recorderOptions(const Configuration::Record& record);
+
+// What the recorder could not do on any day: record where a file is, or frames larger than its
+// buffer takes.
+[[nodiscard]] Status checkRecorder(const Configuration::Record& record,
+                                   const slam::Calibration& calibration);
 
 // Null without a directory to record into. The recordings will carry the configuration file, the
 // calibration as it is used, and the map that the daemon begins with, so that they can be run again

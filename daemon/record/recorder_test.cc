@@ -17,6 +17,7 @@
 #include "capture/eventlog/log_reader.h"
 #include "capture/jpeg_decoder.h"
 #include "capture/recorded_image.h"
+#include "daemon/record/recorder_setup.h"
 #include "tests/temporary_directory.h"
 #include <waymark/file_t.hpp>
 
@@ -271,6 +272,43 @@ TEST_F(RecorderTest, EachFileBeginsWithWhatItNeeds) {
     images += recorded.images.size();
   }
   EXPECT_EQ(images, 100U);
+}
+
+TEST_F(RecorderTest, ABufferOfTheLeastSizeTakesAFrameWhereverTheLastOneEnded) {
+  const std::size_t least = Recorder::leastBufferBytes(kWidth, kHeight);
+  EXPECT_LT(least, std::size_t{4} * kWidth * kHeight);
+  // It stands in the middle when the second frame comes.
+  options_.frame_buffer_bytes = least;
+  make();
+  run();
+  for (std::uint64_t i = 0; i < 5; ++i) {
+    recorder_->addFrame(*frame(i));
+    const auto written = [&] { return counters()["recorder.events"] > i; };
+    EXPECT_TRUE(eventually(written)) << i;
+  }
+  EXPECT_EQ(counters()["recorder.lost_frames"], 0U);
+}
+
+TEST_F(RecorderTest, WhatItCouldNotDoOnAnyDay) {
+  slam::Calibration calibration;
+  calibration.width = 1024;
+  calibration.height = 1024;
+  Configuration::Record record;
+  EXPECT_TRUE(checkRecorder(record, calibration));
+  record.buffer_mib = 2;
+  EXPECT_TRUE(checkRecorder(record, calibration)) << "nobody records";
+  record.directory = directory_ / "later";
+  EXPECT_EQ(checkRecorder(record, calibration).error().message,
+            "record.buffer_mib: must be at least 3 for pictures of 1024x1024");
+  record.images = false;
+  EXPECT_TRUE(checkRecorder(record, calibration));
+  record.images = true;
+  record.buffer_mib = 3;
+  EXPECT_TRUE(checkRecorder(record, calibration));
+  record.directory = directory_ / "file";
+  std::ofstream(record.directory) << "text";
+  EXPECT_EQ(checkRecorder(record, calibration).error().message,
+            record.directory.string() + ": is a file, where recordings should go");
 }
 
 }  // namespace

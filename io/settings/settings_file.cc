@@ -200,6 +200,8 @@ Setting checkedTextSetting(std::string key, TextCheck take) {
             const std::optional<std::string> value = v.node.value_exact<std::string>();
             if (!value) return "must be text in quotes";
             if (value->empty()) return "must not be empty";
+            // The system's names end there.
+            if (value->find('\0') != value->npos) return "must not contain NUL";
             return take(*value);
           }};
 }

@@ -138,6 +138,23 @@ ValidationError validateDictionary(const std::string& name) {
   return "\"" + name + "\" is not a known dictionary; known are" + known;
 }
 
+std::string foreignMarkersReason(const SlamSettings& settings) {
+  const auto dictionary = slam::Dictionary::byName(settings.dictionary);
+  if (!dictionary) return {};
+  const auto foreign = [&](const std::string& what, int id) {
+    return what + " " + std::to_string(id) + " is not in " + settings.dictionary +
+           ", whose ids are 0 to " + std::to_string(dictionary->size() - 1);
+  };
+  const slam::MarkerOptions& markers = settings.options.markers;
+  if (markers.origin_marker && *markers.origin_marker >= dictionary->size()) {
+    return foreign("the origin marker", *markers.origin_marker);
+  }
+  for (const slam::Anchor& anchor : markers.anchors) {
+    if (anchor.id >= dictionary->size()) return foreign("anchor", anchor.id);
+  }
+  return {};
+}
+
 std::vector<Setting> slamSettingKeys(SlamSettings& target) {
   slam::Options& o = target.options;
   std::vector<Setting> keys = {

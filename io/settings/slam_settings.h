@@ -38,6 +38,11 @@ struct SlamSettings {
 [[nodiscard]] Result<SlamSettings> parseSlamSettings(const std::string& text,
                                                      const std::filesystem::path& file);
 
+// Of an origin marker and anchors that are not in the dictionary: which, and why they cannot be.
+// They would never be seen, and the world would be another one. Empty when all are, or there is no
+// dictionary yet.
+[[nodiscard]] std::string foreignMarkersReason(const SlamSettings& settings);
+
 // The objection to a name that slam::Dictionary does not know lists those it knows.
 [[nodiscard]] ValidationError validateDictionary(const std::string& name);
 

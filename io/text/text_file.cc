@@ -118,8 +118,12 @@ void syncDirectory(const fs::path& path) {
 }  // namespace
 
 Result<std::string> readTextFile(const fs::path& path, std::size_t max_bytes) {
-  const UniqueFd file(::open(path.c_str(), O_RDONLY | O_CLOEXEC));
-  if (!file) return systemError(path, "cannot be read");
+  // Opening a FIFO waits for who writes into it, without O_NONBLOCK.
+  const UniqueFd file(::open(path.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK));
+  struct stat status {};
+  if (!file || ::fstat(file.get(), &status) != 0) return systemError(path, "cannot be read");
+  if (S_ISFIFO(status.st_mode))
+    return Error{path.string() + ": is a FIFO, which is not waited for"};
   std::string content;
   char buffer[1 << 16];
   for (;;) {

@@ -34,6 +34,7 @@ TEST_F(ServiceTest, PosesComeThroughStepsOfTheWallClock) {
   EXPECT_GE(frames.size(), 35U);  // some were on their way before
   expectEveryFrame(frames);
   for (const pose_t& frame : frames) EXPECT_EQ(frame.status, pose_t::STATUS_TRACKING);
+  expectTimesOf(stages, frames);
 }
 
 TEST_F(ServiceTest, TheMulticastRouteMayGoAndComeBack) {

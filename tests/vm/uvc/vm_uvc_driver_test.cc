@@ -2,6 +2,7 @@
 // the frame source and the daemon rest on.
 #include <cerrno>
 #include <memory>
+#include <optional>
 #include <vector>
 
 #include <gtest/gtest.h>
@@ -103,19 +104,27 @@ TEST_P(UvcStreaming, FramesComeByteForByte) {
   const int frames = 3 * rate_hz;
   std::int64_t first_ns = 0;
   V4l2Frame frame;
+  std::uint64_t next = 0;  // the least that the next frame's index may be
   for (int i = 0; i < frames; ++i) {
     Result<V4l2Frame> read = reader->read(kPatience);
     ASSERT_TRUE(read) << read.error().message;
     frame = std::move(*read);
     if (i == 0) first_ns = frame.monotonic_ns;
     EXPECT_FALSE(frame.error);
-    EXPECT_EQ(frame.sequence, static_cast<std::uint32_t>(i));
-    ASSERT_EQ(indexOf(frame.bytes, mode), static_cast<std::uint64_t>(i))
-        << "in order, none missing";
+    const std::optional<std::uint64_t> index = indexOf(frame.bytes, mode);
+    ASSERT_TRUE(index) << "frame " << i << " is not as it was sent";
+    // Where this program comes too late with its buffers the driver drops a frame, and counts it:
+    // what is missing is missing in the sequence, and nothing else is.
+    ASSERT_EQ(*index, frame.sequence);
+    ASSERT_GE(*index, next) << "in order";
+    next = *index + 1;
   }
+  const std::uint64_t missing = next - static_cast<std::uint64_t>(frames);
+  EXPECT_LT(missing, static_cast<std::uint64_t>(frames) / 4);
   const double seconds = 1e-9 * static_cast<double>(frame.monotonic_ns - first_ns);
   RecordProperty("rate_hz", std::to_string((frames - 1) / seconds));
   RecordProperty("skipped", std::to_string(camera.state().skipped));
+  RecordProperty("missing", std::to_string(missing));
   EXPECT_EQ(camera.state().stream, mode);
 
   ASSERT_TRUE(reader->stop());
