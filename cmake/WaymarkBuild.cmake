@@ -38,7 +38,7 @@ if(WAYMARK_FUZZ)
 endif()
 
 # Most of a compilation is the headers of Eigen, OpenCV and nlohmann-json: several sources of a
-# target are compiled as one, which halves a build from nothing. OFF where single files are compiled
+# target are compiled as one, which takes a third to a half off a build. OFF where single files are compiled
 # again and again, and for clang-tidy's list of files.
 option(WAYMARK_UNITY "Compile several sources at once" ON)
 set(CMAKE_UNITY_BUILD ${WAYMARK_UNITY})

@@ -123,14 +123,14 @@ TEST_F(WaymarkTool, NumbersThatAreNone) {
 }
 
 TEST_F(WaymarkTool, AnOriginMarkerThatIsNeverSeenIsToldOf) {
+  expectBadInput(run(video(), {{"--origin-marker", "5000"}}),
+                 "the origin marker 5000 is not in ARUCO_ORIGINAL");
   EXPECT_EQ(run(video()).err.find("origin"), std::string::npos);
   const std::string told = run(video(), {{"--origin-marker", "7"}}).err;
   EXPECT_NE(
       told.find("waymark: warning: the origin marker 7 was never placed; the world is another"),
       std::string::npos)
       << told;
-  expectBadInput(run(video(), {{"--origin-marker", "5000"}}),
-                 "the origin marker 5000 is not in ARUCO_ORIGINAL");
 }
 
 TEST_F(WaymarkTool, FifosAreNoInput) {
