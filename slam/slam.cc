@@ -100,8 +100,9 @@ class Slam::Impl {
   }
 
   [[nodiscard]] std::optional<PoseEstimate> localize(const RecordedFrame& frame) const {
-    const auto located = locator_.locate(map_, frame);
+    auto located = locator_.locate(map_, frame);
     if (!located) return std::nullopt;
+    located->solution.widenTo(updater_.residualSigma() * updater_.residualSigma());
     auto estimate = tracker_.tracker().estimateOf(located->solution, located->known, frame.twist);
     estimate.covariance = covariance_.inWorld(located->solution, located->known);
     return estimate;

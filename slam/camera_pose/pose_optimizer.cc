@@ -9,6 +9,7 @@
 #include <Eigen/LU>
 
 #include "base/stack_arena.h"
+#include "slam/camera_pose/residual_variance.h"
 #include "slam/geometry/minimize_pose.h"
 #include "slam/geometry/reprojection.h"
 #include "slam/geometry/robust.h"
@@ -218,9 +219,8 @@ std::optional<PoseSolution> PoseOptimizer::optimize(std::span<const KnownMarker>
   for (const double error : squared) solution.chi2 += error;
   solution.rms_px = std::sqrt(squared_px / solution.inliers);
   solution.mean_side_px /= solution.inliers;
-  const double degrees_of_freedom = 8.0 * solution.inliers - 6.0;
-  const double scale = std::max(1.0, solution.chi2 / degrees_of_freedom);
-  solution.covariance = scale * *covariance;
+  solution.covariance = *covariance;
+  solution.widenTo(unexplainedVariance(solution.chi2, solution.degreesOfFreedom()));
   return solution;
 }
 

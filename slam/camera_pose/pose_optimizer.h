@@ -43,14 +43,24 @@ struct PoseOptimizerOptions {
 
 struct PoseSolution {
   Transform T_w_c;
-  // Of (dp, dtheta) in the world frame, scaled up where the residuals exceed the corner
-  // covariances.
+  // Of (dp, dtheta) in the world frame, for residuals of this variance.
   Matrix6d covariance = Matrix6d::Zero();
+  // Of a whitened residual: 1, or more where the residuals exceed the corners' covariances by more
+  // than chance explains.
+  double residual_variance = 1.0;
   double chi2 = 0.0;          // whitened squared residuals of the inliers
   int inliers = 0;            // markers
   double rms_px = 0.0;        // of the corners' distances, inliers
   double mean_side_px = 0.0;  // of the inliers in the image
   MarkerFlags inlier;         // one per marker given
+
+  [[nodiscard]] double degreesOfFreedom() const { return 8.0 * inliers - 6.0; }
+  // Other poses' residuals are known to have this variance.
+  void widenTo(double known_residual_variance) {
+    if (known_residual_variance <= residual_variance) return;
+    covariance *= known_residual_variance / residual_variance;
+    residual_variance = known_residual_variance;
+  }
 };
 
 class PoseOptimizer {

@@ -4,8 +4,11 @@
 #include <utility>
 #include <vector>
 
+#include <Eigen/Core>
+
 #include "base/sorted.h"
-#include "slam/covariance/marker_information.h"
+#include "slam/geometry/reprojection.h"
+#include "slam/geometry/robust.h"
 #include "slam/geometry/small_cholesky.h"
 #include "slam/optimization/block_kernels.h"
 #include "slam/optimization/block_system.h"
@@ -15,21 +18,24 @@ namespace {
 
 // What steps cost, in microseconds of a core of 3 GHz.
 constexpr double kFindMarker = 0.1;
-constexpr double kLinearizeView = 0.5;
+constexpr double kNotePair = 0.01;
+constexpr double kLinearizeView = 0.6;
 constexpr double kBlockProduct = 0.06;
 constexpr double kTakeBlock = 0.15;
+
+// As in the optimizations (BundleOptions::huber).
+constexpr double kHuber = 2.45;
 
 // Where nothing else says where a marker is, this does: standard deviations so large that they
 // show, and small enough to keep the system regular.
 constexpr double kUnknown_m = 100.0;
 constexpr double kUnknown_rad = 10.0;
 
-// The keyframe and the unknown markers it sees, as poses of the system: what the elimination's
-// pattern was made for.
+// The keyframe and the unknown markers it sees: what the elimination's pattern was made for.
 struct PatternKeyframe {
   KeyframeId id = -1;
   bool held = false;
-  std::vector<int> seen;  // unknown ones, ids, ascending
+  std::vector<int> seen;  // poses of the system, ascending
 };
 
 struct Pattern {
@@ -54,47 +60,79 @@ Pattern startPattern(const Map& map, const MarkerOptions& markers) {
   return pattern;
 }
 
-// Information on a marker's place where there is any but the keyframes'.
-Matrix6d priorInformation(int id, const MarkerOptions& markers) {
-  Matrix6d information = Matrix6d::Zero();
-  const auto add = [&](double sigma_m, double sigma_rad) {
-    information.diagonal().head<3>().array() += 1.0 / (sigma_m * sigma_m);
-    information.diagonal().tail<3>().array() += 1.0 / (sigma_rad * sigma_rad);
-  };
-  add(kUnknown_m, kUnknown_rad);
+Matrix6d informationOf(double sigma_m, double sigma_rad) {
+  Vector6d diagonal;
+  diagonal << Eigen::Vector3d::Constant(1.0 / (sigma_m * sigma_m)),
+      Eigen::Vector3d::Constant(1.0 / (sigma_rad * sigma_rad));
+  return diagonal.asDiagonal();
+}
+
+// What is known of a marker's place but from the keyframes. variance: that of the residuals, in
+// whose units the system is.
+void addPriors(int id, const Transform& T_w_m, const MarkerOptions& markers, double variance,
+               int position, BlockSystem* system) {
+  system->diagonal(position) += variance * informationOf(kUnknown_m, kUnknown_rad);
   for (const Anchor& anchor : markers.anchors) {
-    if (anchor.id == id) add(anchor.sigma_m, anchor.sigma_rad);
+    if (anchor.id != id) continue;
+    const Matrix6d information = variance * informationOf(anchor.sigma_m, anchor.sigma_rad);
+    system->diagonal(position) += information;
+    system->right(position) += information * T_w_m.localCoordinates(anchor.T_w_m);
   }
-  return information;
 }
 
 // A keyframe's view of a marker.
 struct LinearizedView {
-  int position = 0;      // in the system; less than 0 for a marker that is fixed
-  Matrix6d information;  // A: of the marker, the camera held
-  Matrix6d transport;    // T: from the camera's motion to the marker's
+  int position = 0;                         // in the system; less than 0 for a marker that is fixed
+  Matrix6d information = Matrix6d::Zero();  // A: of the marker, the camera held
+  Vector6d gradient = Vector6d::Zero();     // g = J^T W r: of half the squared residuals
+  Matrix6d transport;                       // T: from the camera's motion to the marker's
 };
 
+// False when a corner is behind the camera. Corners beyond `huber` pull as in the optimizations.
+bool linearize(const Transform& T_w_m, double size_m, const MarkerDetection& detection,
+               const Transform& T_w_c, double huber, LinearizedView* view) {
+  const auto corners_m = markerCorners(size_m);
+  for (std::size_t k = 0; k < 4; ++k) {
+    const Eigen::Vector3d corner_w = T_w_m * corners_m[k];
+    Projection projection;
+    if (!projectPoint(T_w_c, corner_w, &projection)) return false;
+    const Eigen::Matrix2d W = whitening(detection.covariance[k]);
+    const Eigen::Vector2d r = W * (projection.normalized - detection.normalized[k]);
+    const Matrix26d J = W * markerJacobian(T_w_m, corner_w, projection.J_point);
+    view->information.noalias() += J.transpose() * J;
+    view->gradient.noalias() += J.transpose() * (huberWeight(r.squaredNorm(), huber) * r);
+  }
+  view->transport = rigidTransport(T_w_m.p - T_w_c.p);
+  return true;
+}
+
 // What the keyframe says of its markers when nobody knows where it was itself: A_i where i = j,
-// less A_i T_i C^-1 T_j^T A_j, C = sum T_i^T A_i T_i. (Moving the camera is moving all it sees the
-// other way: the camera's Jacobian is that of the marker times -T.)
+// less A_i T_i C^-1 T_j^T A_j, C = sum T_i^T A_i T_i; and on the right side less g_i, and
+// A_i T_i C^-1 sum T_j^T g_j. (Moving the camera is moving all it sees the other way: the camera's
+// Jacobian is that of the marker times -T.)
 void addKeyframe(std::vector<LinearizedView>* views, bool held, BlockSystem* system) {
   std::ranges::sort(*views, {}, &LinearizedView::position);
   for (const LinearizedView& view : *views) {
-    if (view.position >= 0) system->diagonal(view.position) += view.information;
+    if (view.position < 0) continue;
+    system->diagonal(view.position) += view.information;
+    system->right(view.position) -= view.gradient;
   }
   if (held) return;
   Matrix6d C = Matrix6d::Zero();
+  Vector6d pull = Vector6d::Zero();
   std::vector<Matrix6d> Y(views->size());  // transposed: A_i T_i, later times L^-T
   for (std::size_t i = 0; i < views->size(); ++i) {
     const LinearizedView& view = (*views)[i];
     Y[i].noalias() = view.information * view.transport;
     C.noalias() += view.transport.transpose() * Y[i];
+    pull.noalias() += view.transport.transpose() * view.gradient;
   }
   if (!factorizeCholesky(&C)) return;
+  solveLower(C, &pull);
   for (Matrix6d& Y_i : Y) divideByTransposed(C, &Y_i);
   for (std::size_t j = 0; j < views->size(); ++j) {
     if ((*views)[j].position < 0) continue;  // the fixed ones come first
+    system->right((*views)[j].position).noalias() += Y[j] * pull;
     for (std::size_t i = j; i < views->size(); ++i) {
       const auto place = system->place((*views)[i].position, (*views)[j].position);
       subtractProduct(Y[i], Y[j], &system->block(place));
@@ -115,14 +153,13 @@ Task<MapMarginals> recoverMarginals(const Map& map, const MarkerOptions& markers
     for (const MarkerDetection& detection : it->second.detections) {
       const int pose = pattern.poseOf(detection.id);
       if (pose < 0) continue;
-      for (const int other : keyframe.seen) {
-        neighbours[static_cast<std::size_t>(pose)].push_back(pattern.poseOf(other));
-      }
-      keyframe.seen.push_back(detection.id);
+      auto& before = neighbours[static_cast<std::size_t>(pose)];
+      before.insert(before.end(), keyframe.seen.begin(), keyframe.seen.end());
+      keyframe.seen.push_back(pose);
     }
     const auto n = static_cast<double>(keyframe.seen.size());
     if (!keyframe.seen.empty()) pattern.keyframes.push_back(std::move(keyframe));
-    co_await budget->spend(kFindMarker * n * (n + 1.0));
+    co_await budget->spend(n * (kFindMarker + kNotePair * n));
     it = map.keyframes().upper_bound(id);
   }
   for (auto& of_one : neighbours) sortUnique(&of_one);
@@ -130,6 +167,7 @@ Task<MapMarginals> recoverMarginals(const Map& map, const MarkerOptions& markers
 
   BlockSystem system;
   (void)co_await system.arrange(std::move(neighbours), /*with_globals=*/false, budget);
+  const double huber = kHuber * residual_sigma;
   std::vector<LinearizedView> views;
   for (const PatternKeyframe& known : pattern.keyframes) {
     const auto n = static_cast<double>(known.seen.size());
@@ -139,23 +177,24 @@ Task<MapMarginals> recoverMarginals(const Map& map, const MarkerOptions& markers
     views.clear();
     for (const MarkerDetection& detection : found->second.detections) {
       const MapMarker* const marker = map.findPosed(detection.id);
-      const bool fixed = markers.origin_marker == detection.id;
       if (marker == nullptr) continue;
-      if (!fixed && !std::ranges::binary_search(known.seen, detection.id)) continue;
-      const Transform& T_w_c = found->second.T_w_c;
-      const auto information =
-          markerInformation(*marker->T_w_m, marker->size_m, detection, T_w_c, Matrix6d::Zero());
-      if (!information) continue;
-      const int position = fixed ? -1 : system.positionOf(pattern.poseOf(detection.id));
-      views.push_back(
-          {position, information->weighted, rigidTransport(marker->T_w_m->p - T_w_c.p)});
+      const bool fixed = markers.origin_marker == detection.id;
+      const int pose = fixed ? -1 : pattern.poseOf(detection.id);
+      if (!fixed && !std::ranges::binary_search(known.seen, pose)) continue;
+      LinearizedView view;
+      view.position = fixed ? -1 : system.positionOf(pose);
+      if (linearize(*marker->T_w_m, marker->size_m, detection, found->second.T_w_c, huber, &view)) {
+        views.push_back(view);
+      }
     }
     addKeyframe(&views, known.held, &system);
   }
   const double variance = residual_sigma * residual_sigma;
   for (std::size_t i = 0; i < pattern.unknown.size(); ++i) {
-    const int position = system.positionOf(static_cast<int>(i));
-    system.diagonal(position) += variance * priorInformation(pattern.unknown[i], markers);
+    const int id = pattern.unknown[i];
+    const MapMarker* const marker = map.findPosed(id);
+    const Transform T_w_m = marker == nullptr ? Transform{} : *marker->T_w_m;
+    addPriors(id, T_w_m, markers, variance, system.positionOf(static_cast<int>(i)), &system);
   }
 
   MapMarginals marginals;
@@ -169,7 +208,8 @@ Task<MapMarginals> recoverMarginals(const Map& map, const MarkerOptions& markers
   (void)co_await system.invert(budget);
   for (std::size_t a = 0; a < pattern.unknown.size(); ++a) {
     const int row = system.positionOf(static_cast<int>(a));
-    marginals.set(pattern.unknown[a], variance * system.diagonal(row));
+    const Vector6d& step = system.right(row);
+    marginals.set(pattern.unknown[a], variance * system.diagonal(row) + step * step.transpose());
   }
   for (std::size_t b = 0; b < pairs.size(); ++b) {
     co_await budget->spend(kTakeBlock * static_cast<double>(pairs[b].size()));
@@ -179,8 +219,9 @@ Task<MapMarginals> recoverMarginals(const Map& map, const MarkerOptions& markers
       const Matrix6d& block =
           system.block(system.place(std::max(of_a, of_b), std::min(of_a, of_b)));
       const Matrix6d rows_of_a = of_a > of_b ? block : Matrix6d(block.transpose());
+      const Matrix6d steps = system.right(of_a) * system.right(of_b).transpose();
       marginals.appendBetween(pattern.unknown[static_cast<std::size_t>(a)], pattern.unknown[b],
-                              variance * rows_of_a);
+                              variance * rows_of_a + steps);
     }
   }
   co_return marginals;

@@ -4,8 +4,10 @@
 // sparse factor). World: where the map's optimizations hold it (the first keyframe, an origin
 // marker, anchors).
 //
-// They are those of the best map of these views. A map between two optimizations is a little worse;
-// views of keyframes that were let go are not counted, though the map has learned from them.
+// They are those of the best map of these views, and about the map as it is: how far it is from the
+// best one, which is one Gauss-Newton step on the same equations, goes in squared. (After a loop
+// closure, and far from what was optimized last, that is the larger part.) Views of keyframes that
+// were let go are not counted, though the map has learned from them.
 #pragma once
 
 #include "base/task.h"

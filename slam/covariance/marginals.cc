@@ -15,14 +15,19 @@ const Matrix6d* MapMarginals::find(int marker) const {
   return found == own_.end() ? nullptr : &found->second;
 }
 
-std::optional<Matrix6d> MapMarginals::between(int a, int b) const {
-  if (a == b) return own_.at(a);
+const Matrix6d* MapMarginals::findBetween(int a, int b) const {
   const std::pair<int, int> pair(std::max(a, b), std::min(a, b));
   const auto found = std::ranges::lower_bound(pairs_, pair);
-  if (found == pairs_.end() || *found != pair) return std::nullopt;
-  const Matrix6d& block = between_[static_cast<std::size_t>(found - pairs_.begin())];
-  if (a < b) return block;
-  return block.transpose();
+  if (found == pairs_.end() || *found != pair) return nullptr;
+  return &between_[static_cast<std::size_t>(found - pairs_.begin())];
+}
+
+std::optional<Matrix6d> MapMarginals::between(int a, int b) const {
+  if (a == b) return own_.at(a);
+  const Matrix6d* const block = findBetween(a, b);
+  if (block == nullptr) return std::nullopt;
+  if (a < b) return *block;
+  return block->transpose();
 }
 
 }  // namespace waymark::slam

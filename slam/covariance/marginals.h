@@ -24,6 +24,8 @@ class MapMarginals {
   // E[delta_a delta_b^T], rows of a, columns of b; empty where it was not computed: the two are far
   // from each other. Precondition: find() knows both.
   [[nodiscard]] std::optional<Matrix6d> between(int a, int b) const;
+  // The same in place: rows of the smaller id. Null where it was not computed, and for a = b.
+  [[nodiscard]] const Matrix6d* findBetween(int a, int b) const;
   [[nodiscard]] bool empty() const { return own_.empty(); }
   // All of them, by id.
   [[nodiscard]] const std::map<int, Matrix6d>& markers() const { return own_; }

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <memory_resource>
+#include <tuple>
 #include <vector>
 
 #include "base/stack_arena.h"
@@ -31,9 +32,10 @@ std::optional<Matrix6d> spreadOfMap(Voices* voices, const MapMarginals& marginal
   Matrix6d spread = Matrix6d::Zero();
   for (Voice& voice : *voices) {
     const bool known = marginals.find(idOf(voice)) != nullptr;
-    voice.of_map = known && std::ranges::all_of(*voices, [&](const Voice& other) {
-                     return !other.of_map || marginals.between(idOf(voice), idOf(other));
-                   });
+    voice.of_map =
+        known && std::ranges::all_of(*voices, [&](const Voice& other) {
+          return !other.of_map || marginals.findBetween(idOf(voice), idOf(other)) != nullptr;
+        });
     if (voice.of_map && leader == nullptr) leader = &voice;
   }
   if (leader == nullptr) return std::nullopt;
@@ -41,15 +43,20 @@ std::optional<Matrix6d> spreadOfMap(Voices* voices, const MapMarginals& marginal
     if (voice.of_map) continue;
     leader->gain += voice.gain * rigidTransport(voice.marker->T_w_m.p - leader->marker->T_w_m.p);
   }
+  Matrix6d half;
+  Matrix6d shared;
   for (std::size_t i = 0; i < voices->size(); ++i) {
     const Voice& a = (*voices)[i];
     if (!a.of_map) continue;
-    spread.noalias() += a.gain * *marginals.find(idOf(a)) * a.gain.transpose();
+    half.noalias() = a.gain * *marginals.find(idOf(a));
+    spread.noalias() += half * a.gain.transpose();
     for (std::size_t j = 0; j < i; ++j) {
       const Voice& b = (*voices)[j];
       if (!b.of_map) continue;
-      const Matrix6d one = a.gain * *marginals.between(idOf(a), idOf(b)) * b.gain.transpose();
-      spread += one + one.transpose();
+      const auto& [small, large] = idOf(a) < idOf(b) ? std::tie(a, b) : std::tie(b, a);
+      half.noalias() = small.gain * *marginals.findBetween(idOf(a), idOf(b));
+      shared.noalias() = half * large.gain.transpose();
+      spread += shared + shared.transpose();
     }
   }
   return spread;
@@ -82,8 +89,7 @@ std::optional<WorldCovariance> worldCovariance(const PoseSolution& solution,
   }
   const auto H_inverse = inverseOf(H);
   if (!H_inverse) return std::nullopt;
-  const double degrees_of_freedom = 8.0 * solution.inliers - 6.0;
-  noise *= std::max(1.0, solution.chi2 / degrees_of_freedom);
+  noise *= solution.residual_variance;
 
   WorldCovariance result;
   const auto atCamera = [&](const Matrix6d& spread) {

@@ -72,6 +72,8 @@ TrackingOutcome FrameTracker::track(const Map& map, const FrameMarkers& markers,
   frame.solution = std::move(tracked->solution);
   frame.twist = tracker_.twistTo(frame.solution.T_w_c, now_ns);
   deskewAgain(map, &frame);
+  residual_variance_.add(frame.solution.chi2, frame.solution.degreesOfFreedom());
+  frame.solution.widenTo(residual_variance_.value());
   return outcome;
 }
 

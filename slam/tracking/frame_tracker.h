@@ -93,7 +93,8 @@ class FrameTracker {
         rolling_shutter_(rolling_shutter),
         tracker_(camera.focalLength(), options),
         options_(options),
-        judge_(camera.focalLength(), options.single_marker, options.relocalization.square) {}
+        judge_(camera.focalLength(), options.single_marker, options.relocalization.square),
+        residual_variance_(options.residual_variance) {}
 
   // Where the camera is expected; empty without a recent pose.
   [[nodiscard]] std::optional<Prediction> predict(std::int64_t time_ns) const {
@@ -136,6 +137,7 @@ class FrameTracker {
   TrackerOptions options_;
   SingleMarkerJudge judge_;
   bool certain_ = false;  // of the last pose
+  ResidualVariance residual_variance_;
   // What the values above refer to; reused from frame to frame.
   std::vector<MarkerDetection> detections_;
   std::vector<KnownMarker> known_;  // pointing into detections_

@@ -27,6 +27,7 @@ std::string TrackerOptions::invalidReason() const {
       motion.invalidReason(),
       relocalization.invalidReason(),
       single_marker.invalidReason(),
+      residual_variance.invalidReason(),
       firstUnmet({
           {isNotNegative(max_innovation_per_rms),
            "the innovation of a believed marker must not be negative"},

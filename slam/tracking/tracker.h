@@ -9,6 +9,7 @@
 
 #include "slam/camera_pose/known_marker.h"
 #include "slam/camera_pose/pose_optimizer.h"
+#include "slam/camera_pose/residual_variance.h"
 #include "slam/pose_estimate.h"
 #include "slam/relocalization/relocalizer.h"
 #include "slam/tracking/motion_model.h"
@@ -21,6 +22,7 @@ struct TrackerOptions {
   MotionModelOptions motion;
   RelocalizerOptions relocalization;
   SingleMarkerOptions single_marker;
+  ResidualVarianceOptions residual_variance;
   // Of two markers that contradict each other, one is believed whose own pose is nearer to the
   // predicted one than this share of what residuals a pose may have (pose.max_rms_px), as an angle
   // in the image. Smaller loses the pose in jerks, larger may believe the one that moved.

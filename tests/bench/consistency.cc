@@ -13,6 +13,7 @@
 #include <Eigen/Cholesky>
 
 #include "base/clock.h"
+#include "base/image_view.h"
 #include "simulator/observed_corners.h"
 #include "simulator/simulation.h"
 #include "slam/slam.h"
@@ -28,6 +29,7 @@ struct Arguments {
   std::uint64_t seed = 1;
   double sigma_px = 0.1;
   double duration_s = 0.0;  // 0: the scene's
+  bool images = false;      // rendered and detected, instead of corners of known noise
 };
 
 // NEES of what is told of a quantity of 6 dimensions; empty where the covariance is singular.
@@ -72,6 +74,46 @@ void addMarkers(const slam::Map& map, const std::vector<simulator::Marker>& mark
   }
 }
 
+// What the SLAM is given of a frame: corners with noise, or an image.
+class Source {
+ public:
+  // All but the seed must outlive it.
+  Source(const simulator::Simulation& simulation, const slam::CameraModel& camera,
+         const Arguments& arguments, std::uint64_t seed)
+      : simulation_(simulation),
+        camera_(camera),
+        noise_{.sigma_px = arguments.sigma_px, .seed = seed},
+        images_(arguments.images) {}
+
+  // Valid until the next one.
+  slam::FrameInput frame(std::int64_t k) {
+    slam::FrameInput input;
+    input.time = {static_cast<std::uint64_t>(k),
+                  static_cast<std::int64_t>(1e9 * simulation_.timeOf(k))};
+    if (images_) {
+      const slam::Calibration& lens = simulation_.camera();
+      pixels_.resize(static_cast<std::size_t>(lens.width) * static_cast<std::size_t>(lens.height));
+      simulation_.render(k, &workspace_, pixels_.data());
+      input.image = ImageView{pixels_.data(), lens.width, lens.height, lens.width};
+    } else {
+      detections_ =
+          simulator::observeCorners(camera_, simulation_.poseAt(k), simulation_.visibleMarkers(k),
+                                    static_cast<std::uint64_t>(k), noise_);
+      input.detections = detections_;
+    }
+    return input;
+  }
+
+ private:
+  const simulator::Simulation& simulation_;
+  const slam::CameraModel& camera_;
+  simulator::ObservationOptions noise_;
+  bool images_;
+  simulator::Simulation::Workspace workspace_;
+  std::vector<std::uint8_t> pixels_;
+  std::vector<slam::MarkerDetection> detections_;
+};
+
 Status runOnce(const Arguments& arguments, std::uint64_t seed, SceneReport* report) {
   simulator::Options asked;
   asked.scene = report->scene;
@@ -84,7 +126,7 @@ Status runOnce(const Arguments& arguments, std::uint64_t seed, SceneReport* repo
   slam::Options options;
   options.markers.size_m = simulation.markers().front().size_m;
   slam::Slam slam(camera, *slam::Dictionary::byName(asked.dictionary), options);
-  const simulator::ObservationOptions noise{.sigma_px = arguments.sigma_px, .seed = seed};
+  Source source(simulation, camera, arguments, seed);
 
   std::optional<slam::Transform> T_w_scene;
   double first_pose_s = 0.0;
@@ -92,13 +134,9 @@ Status runOnce(const Arguments& arguments, std::uint64_t seed, SceneReport* repo
   std::int64_t cpu_ns = 0;
   for (std::int64_t k = 0; k < simulation.frameCount(); ++k) {
     const double time_s = simulation.timeOf(k);
-    const auto seen = simulation.visibleMarkers(k);
-    const auto detections = simulator::observeCorners(camera, simulation.poseAt(k), seen,
-                                                      static_cast<std::uint64_t>(k), noise);
+    const slam::FrameInput input = source.frame(k);
     const std::int64_t before_ns = threadCpuNs();
-    const auto result = slam.process(
-        {.time = {static_cast<std::uint64_t>(k), static_cast<std::int64_t>(1e9 * time_s)},
-         .detections = detections});
+    const auto result = slam.process(input);
     cpu_ns += threadCpuNs() - before_ns;
     if (!result.pose) continue;
     if (!T_w_scene) {
@@ -129,9 +167,10 @@ Status runOnce(const Arguments& arguments, std::uint64_t seed, SceneReport* repo
   report->cpu_ms += 1e-6 * static_cast<double>(cpu_ns) /
                     static_cast<double>(simulation.frameCount()) / arguments.runs;
   slam.finish();
-  addMarkers(slam.map(), simulation.markers(), *T_w_scene, &report->map_markers);
+  const auto truth = simulation.markersAt(simulation.frameCount() - 1);
+  addMarkers(slam.map(), truth, *T_w_scene, &report->map_markers);
   slam.optimizeGlobally();
-  addMarkers(slam.map(), simulation.markers(), *T_w_scene, &report->final_markers);
+  addMarkers(slam.map(), truth, *T_w_scene, &report->final_markers);
   return success();
 }
 
@@ -189,6 +228,7 @@ int main(int argc, char** argv) {
   app.add_option("--sigma", arguments.sigma_px, "Noise of the corners, pixels")
       ->capture_default_str()
       ->check(CLI::PositiveNumber);
+  app.add_flag("--images", arguments.images, "Rendered images instead of corners");
   app.add_option("--duration", arguments.duration_s, "Seconds; without it the scene's")
       ->check(CLI::PositiveNumber);
   if (const auto exit_code = bench::parse(app, argc, argv)) return *exit_code;
