@@ -126,6 +126,7 @@ TEST(DoubledMarkers, AreCountedAndBannedWhereBothPrintsAreInTheImage) {
   EXPECT_GE(slam.counters().doubled_markers, 3U);
   EXPECT_EQ(slam.counters().refused_markers, 1U);
   EXPECT_EQ(slam.map().find(kDoubled)->state, MarkerState::kBanned);
+  EXPECT_GT(slam.counters().quads, 0U) << "what the detector counts is told as well";
 }
 
 }  // namespace
