@@ -66,6 +66,9 @@ inline constexpr std::array kSourceCounters = {
   return a;
 }
 
+// Of a recording: frames that may be out at once, unless somebody asks for more.
+inline constexpr int kRecordingBuffers = 4;
+
 // Used by one thread: the capture thread, or the loop of an offline run.
 class FrameSource {
  public:

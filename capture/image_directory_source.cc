@@ -23,7 +23,6 @@ namespace fs = std::filesystem;
 namespace {
 
 constexpr double kDefaultRate = 30.0;  // Hz
-constexpr int kBuffers = 4;
 constexpr const char* kTimesFile = "frames.txt";
 
 struct ImageFile {
@@ -118,10 +117,10 @@ cv::Mat readGrey(const fs::path& path) {
 
 class ImageDirectorySource final : public FrameSource {
  public:
-  ImageDirectorySource(std::vector<ImageFile> files, StreamInfo info)
+  ImageDirectorySource(std::vector<ImageFile> files, StreamInfo info, int buffers)
       : files_(std::move(files)),
         info_(std::move(info)),
-        pool_(info_.width, info_.height, kBuffers) {}
+        pool_(info_.width, info_.height, buffers) {}
 
   [[nodiscard]] const StreamInfo& info() const override { return info_; }
   [[nodiscard]] SourceCounters counters() const override { return {.frames = next_}; }
@@ -164,7 +163,7 @@ double meanRate(const std::vector<ImageFile>& files) {
 }  // namespace
 
 Result<std::unique_ptr<FrameSource>> openImageDirectory(const fs::path& path,
-                                                        std::optional<double> fps) {
+                                                        std::optional<double> fps, int buffers) {
   std::error_code error;
   const bool timed = fs::exists(path / kTimesFile, error);
   Result<std::vector<ImageFile>> listed = timed ? readTimes(path / kTimesFile) : listImages(path);
@@ -191,7 +190,7 @@ Result<std::unique_ptr<FrameSource>> openImageDirectory(const fs::path& path,
                 info.height, info.rate_hz, info.photographs ? " (assumed)" : "");
   info.description = path.string() + text;
   return std::unique_ptr<FrameSource>(
-      std::make_unique<ImageDirectorySource>(std::move(files), std::move(info)));
+      std::make_unique<ImageDirectorySource>(std::move(files), std::move(info), buffers));
 }
 
 }  // namespace waymark::capture

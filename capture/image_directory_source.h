@@ -19,6 +19,6 @@ namespace waymark::capture {
 // The size of the first image holds for all. An unreadable image or one of another size is an error
 // that names it; so is a directory without images.
 [[nodiscard]] Result<std::unique_ptr<FrameSource>> openImageDirectory(
-    const std::filesystem::path& path, std::optional<double> fps);
+    const std::filesystem::path& path, std::optional<double> fps, int buffers = kRecordingBuffers);
 
 }  // namespace waymark::capture

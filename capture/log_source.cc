@@ -19,8 +19,6 @@
 namespace waymark::capture {
 namespace {
 
-constexpr int kBuffers = 4;
-
 // The next event that is an image, decoded. Empty at the end.
 struct ReadImage {
   Status status = success();  // why it cannot be used, if so
@@ -54,13 +52,13 @@ std::string damageOf(const std::filesystem::path& file, const eventlog::LogReade
 class LogSource final : public FrameSource {
  public:
   LogSource(std::filesystem::path file, eventlog::LogReader reader, const StreamInfo& info,
-            std::optional<double> fps, bool keep_jpeg)
+            std::optional<double> fps, bool keep_jpeg, int buffers)
       : file_(std::move(file)),
         reader_(std::move(reader)),
         info_(info),
         fps_(fps),
         keep_jpeg_(keep_jpeg),
-        pool_(info.width, info.height, kBuffers) {}
+        pool_(info.width, info.height, buffers) {}
 
   [[nodiscard]] const StreamInfo& info() const override { return info_; }
   [[nodiscard]] SourceCounters counters() const override { return counters_; }
@@ -195,7 +193,8 @@ bool isEventLog(const std::filesystem::path& file) {
 }
 
 Result<std::unique_ptr<FrameSource>> openLog(const std::filesystem::path& file,
-                                             std::optional<double> fps, bool keep_jpeg) {
+                                             std::optional<double> fps, bool keep_jpeg,
+                                             int buffers) {
   Result<eventlog::LogReader> first = eventlog::LogReader::open(file);
   if (!first) return first.error();
   const Result<StreamInfo> info = describe(file, *first, fps);
@@ -203,7 +202,7 @@ Result<std::unique_ptr<FrameSource>> openLog(const std::filesystem::path& file,
   Result<eventlog::LogReader> reader = eventlog::LogReader::open(file);
   if (!reader) return reader.error();
   return std::unique_ptr<FrameSource>(
-      std::make_unique<LogSource>(file, std::move(reader).value(), *info, fps, keep_jpeg));
+      std::make_unique<LogSource>(file, std::move(reader).value(), *info, fps, keep_jpeg, buffers));
 }
 
 }  // namespace waymark::capture

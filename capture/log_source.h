@@ -19,6 +19,7 @@ namespace waymark::capture {
 // damage(). fps: instead of the recorded times. keep_jpeg: frames carry compressed pictures along.
 [[nodiscard]] Result<std::unique_ptr<FrameSource>> openLog(const std::filesystem::path& file,
                                                            std::optional<double> fps,
-                                                           bool keep_jpeg = false);
+                                                           bool keep_jpeg = false,
+                                                           int buffers = kRecordingBuffers);
 
 }  // namespace waymark::capture

@@ -47,9 +47,11 @@ Opened openRecording(const std::string& spec, const SourceOptions& options) {
   if (!std::filesystem::is_directory(status) && !std::filesystem::is_regular_file(status)) {
     return Error{spec + ": is neither a file nor a directory"};
   }
-  Opened opened = std::filesystem::is_directory(status) ? openImageDirectory(spec, options.fps)
-                  : isEventLog(spec) ? openLog(spec, options.fps, options.camera.keep_jpeg)
-                                     : openVideo(spec, options.fps);
+  const int buffers = options.recording_buffers;
+  Opened opened = std::filesystem::is_directory(status)
+                      ? openImageDirectory(spec, options.fps, buffers)
+                  : isEventLog(spec) ? openLog(spec, options.fps, options.camera.keep_jpeg, buffers)
+                                     : openVideo(spec, options.fps, buffers);
   if (!opened || !options.realtime) return opened;
   return playInRealTime(std::move(opened).value(), options.fps);
 }

@@ -19,6 +19,9 @@ struct SourceOptions {
   std::optional<double> fps;  // Hz; overrides the recording's own times, asks a camera for a rate
   bool realtime = false;      // play as if a camera were taking it now
   CameraOptions camera = {};  // for cameras only
+  // Of a recording: frames that may be out at once. Until one is back no more are read, and in real
+  // time that makes the newest ones late.
+  int recording_buffers = kRecordingBuffers;
 };
 
 // Opens what a specification names as often as asked: a camera may come back, and must be the same.

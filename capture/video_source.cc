@@ -19,15 +19,14 @@
 namespace waymark::capture {
 namespace {
 
-constexpr double kDefaultRate = 30.0;     // Hz, for containers that do not say
-constexpr double kLargestRate = 10000.0;  // Hz; more is a container's nonsense
-constexpr int kBuffers = 4;
+constexpr double kDefaultRate = 30.0;         // Hz, for containers that do not say
+constexpr double kLargestRate = 10000.0;      // Hz; more is a container's nonsense
 constexpr std::int64_t kTick_ns = 1'000'000;  // times in Matroska are rounded to this
 
 class VideoSource final : public FrameSource {
  public:
   VideoSource(std::filesystem::path path, const cv::VideoCapture& video, std::optional<double> fps,
-              bool counts_frames);
+              bool counts_frames, int buffers);
 
   [[nodiscard]] const StreamInfo& info() const override { return info_; }
   [[nodiscard]] ReadResult read(std::chrono::milliseconds timeout) override;
@@ -80,13 +79,13 @@ StreamInfo describe(const std::filesystem::path& path, const cv::VideoCapture& v
 }
 
 VideoSource::VideoSource(std::filesystem::path path, const cv::VideoCapture& video,
-                         std::optional<double> fps, bool counts_frames)
+                         std::optional<double> fps, bool counts_frames, int buffers)
     : path_(std::move(path)),
       video_(video),
       own_times_(!fps),
       counts_frames_(counts_frames),
       info_(describe(path_, video_, fps)),
-      pool_(info_.width, info_.height, kBuffers) {}
+      pool_(info_.width, info_.height, buffers) {}
 
 std::int64_t VideoSource::nextTime() const {
   const std::int64_t period_ns = std::llround(1e9 / info_.rate_hz);
@@ -136,7 +135,7 @@ ReadResult VideoSource::read(std::chrono::milliseconds /*timeout*/) {
 }  // namespace
 
 Result<std::unique_ptr<FrameSource>> openVideo(const std::filesystem::path& path,
-                                               std::optional<double> fps) {
+                                               std::optional<double> fps, int buffers) {
   if (::access(path.c_str(), R_OK) != 0) {
     return Error{path.string() + ": cannot be read: " + systemReason()};
   }
@@ -156,7 +155,7 @@ Result<std::unique_ptr<FrameSource>> openVideo(const std::filesystem::path& path
     return Error{path.string() + ": is not a video"};
   }
   return std::unique_ptr<FrameSource>(
-      std::make_unique<VideoSource>(path, std::move(video), fps, countsFrames(path)));
+      std::make_unique<VideoSource>(path, std::move(video), fps, countsFrames(path), buffers));
 }
 
 }  // namespace waymark::capture

@@ -23,6 +23,7 @@ namespace waymark::capture {
 // recording would look like a complete one. Matroska and WebM promise no number: what is cut off of
 // them goes unnoticed. So does a cut within the very last frame, which comes out damaged.
 [[nodiscard]] Result<std::unique_ptr<FrameSource>> openVideo(const std::filesystem::path& path,
-                                                             std::optional<double> fps);
+                                                             std::optional<double> fps,
+                                                             int buffers = kRecordingBuffers);
 
 }  // namespace waymark::capture

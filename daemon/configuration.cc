@@ -94,6 +94,7 @@ std::vector<io::Setting> configurationKeys(Configuration& c) {
       textSetting("publish.channel_prefix", c.publish.channel_prefix, validateChannel),
       textSetting("publish.pose_channel", c.publish.pose_channel, validateChannel),
       flagSetting("publish.detections", c.publish.detections),
+      numberSetting("publish.map_interval_s", c.publish.map_interval_s, 0.1, 1e6, "s"),
       pathSetting("record.directory", c.record.directory),
       flagSetting("record.at_start", c.record.at_start),
       flagSetting("record.images", c.record.images),

@@ -53,6 +53,7 @@ struct Configuration {
     std::string channel_prefix = "WAYMARK_";
     std::string pose_channel = "POSE";
     bool detections = true;
+    double map_interval_s = 5.0;  // also of a map that does not change: subscribers come late
   };
 
   // Into LCM event logs; recorder.h.

@@ -103,6 +103,7 @@ TEST(Configuration, TheExampleWithEverythingUncommentedChangesNoDefault) {
   EXPECT_EQ(c->publish.channel_prefix, d.publish.channel_prefix);
   EXPECT_EQ(c->publish.pose_channel, d.publish.pose_channel);
   EXPECT_EQ(c->publish.detections, d.publish.detections);
+  EXPECT_EQ(c->publish.map_interval_s, d.publish.map_interval_s);
   EXPECT_EQ(c->log.level, d.log.level);
 }
 
@@ -166,13 +167,15 @@ TEST(Configuration, RenamedKeysLeadToKeysThereAre) {
 TEST(Configuration, ReadsEveryKindOfValue) {
   const Result<Configuration> c = parseConfiguration(
       "[camera]\nsource = \"a/b.avi\"\ncalibration = \"c.yml\"\nrate_hz = 30\n" + kSlam +
-          "[publish]\ndetections = false\n[log]\nlevel = \"debug\"\n[queue]\ndepth = 1\n",
+          "[publish]\ndetections = false\nmap_interval_s = 0.5\n[log]\nlevel = "
+          "\"debug\"\n[queue]\ndepth = 1\n",
       "/etc/waymark/w.toml");
   ASSERT_TRUE(c) << c.error().message;
   EXPECT_EQ(c->camera.source, "/etc/waymark/a/b.avi");
   EXPECT_EQ(c->camera.calibration, "/etc/waymark/c.yml");
   EXPECT_EQ(c->camera.rate_hz, 30.0);
   EXPECT_FALSE(c->publish.detections);
+  EXPECT_EQ(c->publish.map_interval_s, 0.5);
   EXPECT_EQ(c->log.level, LogLevel::kDebug);
   EXPECT_EQ(c->queue.depth, 1);
 }

@@ -13,6 +13,7 @@
 #include <CLI/CLI.hpp>
 #include <opencv2/core/utility.hpp>
 
+#include "capture/libcamera/libcamera_source.h"
 #include "daemon/configuration.h"
 #include "daemon/control/control_server.h"
 #include "daemon/control/reload_signal.h"
@@ -94,6 +95,8 @@ int run(const fs::path& file, bool check_only) {
     return kBadInput;
   }
   if (!*parts) return kDone;
+  const capture::LibcameraMessages libcamera_messages(
+      [&log](std::string_view line) { log.warning("libcamera: " + std::string(line)); });
   log.writeBehind();
   Daemon daemon(*std::move(parts).value(), reload_signal, log);
   const std::optional<Daemon::Failure> failure = daemon.run();

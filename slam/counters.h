@@ -25,6 +25,12 @@ struct Counters {
   std::uint64_t refused_markers = 0;
   std::uint64_t full_scans = 0;
   std::uint64_t followed_frames = 0;
+  std::uint64_t frames_in_other_world = 0;
+  std::uint64_t quads = 0;
+  std::uint64_t merged_quads = 0;
+  std::uint64_t rejected_quads = 0;
+  std::uint64_t quads_without_edges = 0;
+  std::uint64_t quads_without_code = 0;
 };
 
 struct NamedCounter {
@@ -65,6 +71,19 @@ inline constexpr std::array kCounters = {
     NamedCounter{"full_scans", &Counters::full_scans, "frames searched as a whole"},
     NamedCounter{"followed_frames", &Counters::followed_frames,
                  "frames searched where markers were expected, and in turns"},
+    NamedCounter{
+        "frames_in_other_world", &Counters::frames_in_other_world,
+        "frames in which what is to fix the world, the origin marker or any anchor, had no "
+        "place in the map yet"},
+    NamedCounter{"quads", &Counters::quads, "dark squares found where markers were searched for"},
+    NamedCounter{"merged_quads", &Counters::merged_quads,
+                 "of these, another outline of a marker that was found already"},
+    NamedCounter{"rejected_quads", &Counters::rejected_quads,
+                 "of these, not looked at, as they were no marker a few frames ago"},
+    NamedCounter{"quads_without_edges", &Counters::quads_without_edges,
+                 "squares, and markers followed, without a clean edge at each side"},
+    NamedCounter{"quads_without_code", &Counters::quads_without_code,
+                 "squares, and markers followed, without a border or a code of the dictionary"},
 };
 static_assert(sizeof(Counters) == kCounters.size() * sizeof(std::uint64_t), "one is missing here");
 

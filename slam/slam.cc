@@ -1,5 +1,6 @@
 #include "slam/slam.h"
 
+#include <algorithm>
 #include <utility>
 #include <vector>
 
@@ -66,6 +67,7 @@ class Slam::Impl {
       followMap(observer, result);
     }
     if (result.pose) ++counters_.localized;
+    if (isInOtherWorld()) ++counters_.frames_in_other_world;
     return result;
   }
 
@@ -134,7 +136,27 @@ class Slam::Impl {
     const auto& found = follower_.find(*frame.image, frame.time.monotonic_ns, expected);
     ++(follower_.mode() == SearchMode::kFullScan ? counters_.full_scans
                                                  : counters_.followed_frames);
+    const DetectorCounters& detector = follower_.counters();
+    counters_.quads = detector.quads;
+    counters_.merged_quads = detector.merged;
+    counters_.rejected_quads = detector.rejected;
+    counters_.quads_without_edges = detector.no_edge;
+    counters_.quads_without_code = detector.no_code;
     return found;
+  }
+
+  // Whether the marker that is to be the world's origin, or every anchor, has no place in the map
+  // yet. A map that is not to grow keeps the world it was made with.
+  [[nodiscard]] bool isInOtherWorld() {
+    if (world_is_fixed_ || !options_.mapping) return false;
+    const MarkerOptions& markers = options_.markers;
+    const auto is_missing = [&](int id) { return map_.findPosed(id) == nullptr; };
+    const bool missing = markers.origin_marker
+                             ? is_missing(*markers.origin_marker)
+                             : !markers.anchors.empty() &&
+                                   std::ranges::all_of(markers.anchors, is_missing, &Anchor::id);
+    world_is_fixed_ = !missing;
+    return missing;
   }
 
   // What was under way and is done goes into the map before the next frame is tracked in it.
@@ -242,6 +264,7 @@ class Slam::Impl {
   Map map_;
   MapCovariance covariance_;
   KeyframeId last_old_keyframe_;  // of the map given at the start; -1 for none
+  bool world_is_fixed_ = false;   // what fixes it has had a place in the map
 };
 
 Slam::Slam(const CameraModel& camera, Dictionary dictionary, const Options& options, Map map)

@@ -325,6 +325,29 @@ TEST_F(SlamTest, ABendInTheMapIsNotTakenForMoves) {
   expectTrueMap(18, 0.01);
 }
 
+// The world is not the one that was asked for until the marker that fixes it has been seen; with an
+// old map that stays as it is, nobody asks.
+TEST_F(SlamTest, FramesWithoutTheOriginMarkersWorldAreCounted) {
+  options_.markers.origin_marker = 500;
+  walk(0, 30, poseAt, 0.03);
+  EXPECT_EQ(slam().counters().frames_in_other_world, 30U);
+  const Map map = slam().map();
+  options_.markers.origin_marker = map.markers().begin()->first;
+  start(map);
+  (void)feed(poseAt(30));
+  EXPECT_EQ(slam().counters().frames_in_other_world, 0U);
+  options_.markers.origin_marker.reset();
+  options_.markers.anchors = {{501, {}}, {map.markers().begin()->first, {}}};
+  start({});
+  for (int i = 0; i < 3; ++i) (void)feed(std::vector<MarkerDetection>{});
+  EXPECT_EQ(slam().counters().frames_in_other_world, 3U) << "not yet";
+  options_.mapping = false;
+  options_.markers.anchors = {{501, {}}};
+  start(map);
+  (void)feed(poseAt(31));
+  EXPECT_EQ(slam().counters().frames_in_other_world, 0U);
+}
+
 // Two prints of one id side by side.
 TEST_F(SlamTest, AnIdSeenTwiceAtOnceIsRejected) {
   constexpr int kDoubled = 11;

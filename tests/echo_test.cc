@@ -27,13 +27,13 @@ class EchoTest : public ::testing::Test {
     if (!ensureMulticastRoute()) GTEST_SKIP() << "no multicast route, and none may be made";
   }
 
-  std::vector<std::string> daemonCommand() const {
+  std::vector<std::string> daemonCommand(const std::string& of_slam = {},
+                                         const std::string& of_publish = {}) const {
     const std::string configuration =
         "[camera]\nsource = \"sim:walls\"\nrate_hz = 30.0\n"
         "[camera.simulator]\nwidth = 320\nheight = 240\nloop_s = 2.0\ntruth_dir = \"truth\"\n"
-        "[slam]\ndictionary = \"ARUCO_MIP_36h12\"\nmarker_size_m = 0.2\n"
-        "[publish]\nurl = \"" +
-        url_ + "\"\n";
+        "[slam]\ndictionary = \"ARUCO_MIP_36h12\"\nmarker_size_m = 0.2\n" +
+        of_slam + "[publish]\nurl = \"" + url_ + "\"\n" + of_publish;
     std::ofstream(file("waymarkd.toml")) << configuration;
     return {WAYMARKD, "--config", file("waymarkd.toml")};
   }
@@ -92,6 +92,31 @@ TEST_F(EchoTest, SigmasAreOfTheWorldAndOfTheMarkersInView) {
     if (world_mm > 1.5 * view_mm) ++compared;
   }
   EXPECT_GT(compared, 0) << echoed.out;
+}
+
+// Where the map only serves to localize in, it never changes. Whoever comes late gets it all the
+// same.
+TEST_F(EchoTest, TheMapOfADaemonThatOnlyLocalizesReachesLateSubscribers) {
+  const std::string map = file("own.json");
+  {
+    Process daemon(daemonCommand("map_out = \"" + map + "\"\n"), file("first.log"));
+    const ProgramResult echoed = echo({"--quiet"});
+    ASSERT_EQ(echoed.exit_code, 0) << echoed.err << daemon.stderrText();
+    daemon.signal(SIGTERM);
+    ASSERT_EQ(daemon.wait(std::chrono::milliseconds(20'000)), 0) << daemon.stderrText();
+  }
+  const Process daemon(
+      daemonCommand("map_in = \"" + map + "\"\nlocalize_only = true\n", "map_interval_s = 0.3\n"),
+      file("log"));
+  for (const char* layout : {"early.json", "late.json"}) {
+    const ProgramResult echoed = echo({"--quiet", "--map", file(layout)});
+    ASSERT_EQ(echoed.exit_code, 0) << echoed.err << daemon.stderrText();
+    const nlohmann::json read = nlohmann::json::parse(readFile(file(layout)), nullptr, false);
+    EXPECT_FALSE(read.is_discarded() || read.empty()) << layout;
+  }
+  EXPECT_EQ(readFile(file("late.json")), readFile(file("early.json")));
+  EXPECT_NE(readFile(file("late.json")).find("\"id\""), std::string::npos)
+      << readFile(file("late.json"));
 }
 
 TEST_F(EchoTest, TheExampleForIntegratorsPrintsPoses) {

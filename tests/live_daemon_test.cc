@@ -5,6 +5,7 @@
 #include <filesystem>
 #include <fstream>
 #include <map>
+#include <set>
 #include <string>
 #include <thread>
 #include <vector>
@@ -44,8 +45,9 @@ io::Trajectory trajectoryOf(const std::vector<pose_t>& poses) {
 // The corners of every piece of the newest map.
 std::vector<io::MarkerCorners> newestMap(const std::vector<map_t>& pieces) {
   std::vector<io::MarkerCorners> markers;
+  std::set<int> seen;  // a map that stays as it is comes again
   for (const map_t& piece : pieces) {
-    if (piece.revision != pieces.back().revision) continue;
+    if (piece.revision != pieces.back().revision || !seen.insert(piece.piece).second) continue;
     for (const marker_t& marker : piece.markers) {
       io::MarkerCorners corners{marker.id, marker.size, slam::markerCorners(marker.size)};
       const slam::Transform T_w_m = transformOf(marker.q_w_m, marker.p_w_m);

@@ -250,6 +250,7 @@ TEST_F(MapLife, OtherProgramsMaps) {
     const ProgramResult grown = run("right", "on_" + format, {"--map-in", path(format + ".json")});
     EXPECT_EQ(grown.exit_code, 0) << grown.err;
     EXPECT_LT(worstDistance(readMap("on_" + format + "/map.json").map), 0.05);
+    EXPECT_EQ(readMap("on_" + format + "/map.json").field, readMap(format + ".json").field);
   }
   for (const std::string format : {"ply", "tum"}) {
     EXPECT_EQ(

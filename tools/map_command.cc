@@ -71,13 +71,14 @@ io::Trajectory keyframePoses(const slam::Map& map) {
   return trajectory;
 }
 
-std::string exported(const slam::Map& map, const std::string& format) {
-  const io::PosedMarkers markers = io::posedMarkers(map);
+std::string exported(const io::MapFile& file, const std::string& format) {
+  io::PosedMarkers markers = io::posedMarkers(file.map);
+  markers.field = file.field;
   if (format == "aruco") return io::formatArucoMap(markers);
   if (format == "tagslam") return io::formatTagslamMap(markers);
   if (format == "wpilib") return io::formatWpilibMap(markers);
   if (format == "ply") return io::formatPlyMap(markers);
-  return io::formatTrajectory(keyframePoses(map));  // tum
+  return io::formatTrajectory(keyframePoses(file.map));  // tum
 }
 
 Outcome exportMap(const ExportArguments& arguments) {
@@ -86,7 +87,7 @@ Outcome exportMap(const ExportArguments& arguments) {
   if (arguments.format == "tum" && file->map.keyframes().empty()) {
     return Error{arguments.map + ": has no keyframes, and so no poses"};
   }
-  const Status written = io::writeTextFile(arguments.out, exported(file->map, arguments.format));
+  const Status written = io::writeTextFile(arguments.out, exported(*file, arguments.format));
   if (!written) return written.error();
   return std::string();
 }
@@ -126,7 +127,8 @@ Outcome importMap(const ImportArguments& arguments) {
   if (const Status whole = complete(arguments, &*markers); !whole) return whole.error();
   const Result<slam::Map> map = io::mapOf(*markers, arguments.file);
   if (!map) return map.error();
-  const Status written = io::writeTextFile(arguments.out, io::formatMap(*map, std::nullopt));
+  const Status written =
+      io::writeTextFile(arguments.out, io::formatMap(*map, std::nullopt, 0.0, markers->field));
   if (!written) return written.error();
   return std::to_string(map->markers().size()) + " markers\n";
 }
@@ -172,7 +174,8 @@ Outcome merge(const MergeArguments& arguments) {
   }
   if (!arguments.no_global && !merged->map.keyframes().empty()) text += optimize(&*merged);
   const Status written = io::writeTextFile(
-      arguments.files.back(), io::formatMap(merged->map, merged->camera, merged->readout_s));
+      arguments.files.back(),
+      io::formatMap(merged->map, merged->camera, merged->readout_s, merged->field));
   if (!written) return written.error();
   return text;
 }

@@ -6,6 +6,7 @@
 #include <memory>
 #include <optional>
 #include <string>
+#include <string_view>
 #include <thread>
 #include <utility>
 #include <vector>
@@ -13,6 +14,7 @@
 #include <CLI/CLI.hpp>
 
 #include "base/clock.h"
+#include "capture/libcamera/libcamera_source.h"
 #include "capture/open_source.h"
 #include "daemon/configuration.h"
 #include "daemon/control/stop_signal.h"
@@ -136,6 +138,8 @@ Result<ExitCode> record(const RecordArguments& arguments) {
   daemon::StopSignal stop;
   daemon::Log log(arguments.quiet ? daemon::LogLevel::kError : daemon::LogLevel::kInfo,
                   /*for_journal=*/false, "waymark");
+  const capture::LibcameraMessages libcamera_messages(
+      [&log](std::string_view line) { log.warning("libcamera: " + std::string(line)); });
   log.writeBehind();
   daemon::FrameQueue frames(1);
   daemon::CameraStatus status;

@@ -216,7 +216,9 @@ std::string otherWorldReason(const slam::Options& options, const slam::Map& map)
 // A map that was only localized in stays what it was, byte for byte.
 std::string mapText(const slam::Slam& slam, const RunSetup& setup) {
   if (!setup.options.mapping) return setup.old_map->text;
-  return io::formatMap(slam.map(), slam.camera().calibration(), slam.readout_s());
+  const std::optional<io::FieldSize> field =
+      setup.old_map ? setup.old_map->file.field : std::nullopt;
+  return io::formatMap(slam.map(), slam.camera().calibration(), slam.readout_s(), field);
 }
 
 // `statistics` makes stats.json, given why it is incomplete. Where the disk is full, what fits.

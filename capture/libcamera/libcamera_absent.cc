@@ -13,4 +13,8 @@ Result<std::unique_ptr<FrameSource>> LibcameraOpener::open() {
 
 std::vector<LibcameraCamera> listLibcameras() { return {}; }
 
+struct LibcameraMessages::Output {};
+LibcameraMessages::LibcameraMessages(Sink /*sink*/) {}
+LibcameraMessages::~LibcameraMessages() = default;
+
 }  // namespace waymark::capture

@@ -2,8 +2,10 @@
 // Where Waymark was built without libcamera, opening one is an error that says so.
 #pragma once
 
+#include <functional>
 #include <memory>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include "base/result.h"
@@ -44,5 +46,24 @@ struct LibcameraCamera {
 };
 // In the order of their numbers; empty where Waymark was built without libcamera.
 [[nodiscard]] std::vector<LibcameraCamera> listLibcameras();
+
+// What libcamera itself has to say (errors, unless LIBCAMERA_LOG_LEVELS asks for more) goes to
+// `sink` while this lives, instead of to stderr: whoever reads that may have stopped, and libcamera
+// would wait for it on the frames' way. Where LIBCAMERA_LOG_FILE names a file, it goes there. Make
+// it before there are other threads; whatever libcamera has open must end before it.
+class LibcameraMessages {
+ public:
+  // A line without its newline. Any thread, several at once.
+  using Sink = std::function<void(std::string_view line)>;
+
+  explicit LibcameraMessages(Sink sink);
+  ~LibcameraMessages();
+  LibcameraMessages(const LibcameraMessages&) = delete;
+  LibcameraMessages& operator=(const LibcameraMessages&) = delete;
+
+ private:
+  struct Output;
+  std::unique_ptr<Output> output_;  // null: nothing is redirected
+};
 
 }  // namespace waymark::capture

@@ -55,10 +55,14 @@ Result<CameraSetup> prepareSimulator(const Configuration& configuration) {
   return setup;
 }
 
-capture::SourceOptions sourceOptions(const Configuration::Camera& camera,
+capture::SourceOptions sourceOptions(const Configuration& configuration,
                                      const slam::Calibration& calibration, bool keep_jpeg) {
+  // Of a full queue the oldest frame goes: those that wait, one at the SLAM and one just read.
+  constexpr int kBesideTheQueue = 2;
+  const Configuration::Camera& camera = configuration.camera;
   capture::SourceOptions options;
   options.realtime = true;
+  options.recording_buffers = configuration.queue.depth + kBesideTheQueue;
   if (camera.rate_hz > 0.0) options.fps = camera.rate_hz;
   options.camera = camera.device;
   options.camera.keep_jpeg = keep_jpeg;
@@ -87,10 +91,11 @@ Result<PictureSize> pictureSize(const std::string& source, const capture::Camera
 }
 
 // keep_jpeg: frames carry the camera's own pictures along, for the recorder.
-Result<CameraSetup> prepareSource(const Configuration::Camera& camera, bool keep_jpeg) {
+Result<CameraSetup> prepareSource(const Configuration& configuration, bool keep_jpeg) {
+  const Configuration::Camera& camera = configuration.camera;
   const Result<slam::Calibration> calibration = io::readCalibration(camera.calibration);
   if (!calibration) return calibration.error();
-  const capture::SourceOptions options = sourceOptions(camera, *calibration, keep_jpeg);
+  const capture::SourceOptions options = sourceOptions(configuration, *calibration, keep_jpeg);
   Result<capture::Opener> opener = capture::sourceOpener(camera.source, options);
   if (!opener) return opener.error();
   const Result<PictureSize> size = pictureSize(camera.source, options.camera, *opener);
@@ -119,7 +124,7 @@ Result<CameraSetup> prepareCamera(const Configuration& configuration) {
   const bool keep_jpeg = !configuration.record.directory.empty() && configuration.record.images;
   return configuration.camera.source.starts_with(kSimulated)
              ? prepareSimulator(configuration)
-             : prepareSource(configuration.camera, keep_jpeg);
+             : prepareSource(configuration, keep_jpeg);
 }
 
 }  // namespace waymark::daemon

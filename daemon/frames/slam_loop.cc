@@ -19,6 +19,7 @@ SlamLoop::SlamLoop(std::unique_ptr<slam::Slam> slam, FrameQueue& frames, const C
   const auto posed = std::ranges::count_if(
       markers, [](const auto& id_and_marker) { return id_and_marker.second.T_w_m.has_value(); });
   reportMapSize(static_cast<std::size_t>(posed));
+  map_changed_ = posed > 0;  // subscribers have not heard of it
 }
 
 void SlamLoop::run() {

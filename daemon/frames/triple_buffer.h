@@ -21,7 +21,7 @@ class TripleBuffer {
   void publish() { write_ = middle_.exchange(write_ | kFresh, std::memory_order_acq_rel) & kIndex; }
 
   // Reader: the newest value, or null when there is nothing new since the last call. Valid until
-  // the next call.
+  // the next call that returns one.
   [[nodiscard]] const T* take() {
     if ((middle_.load(std::memory_order_relaxed) & kFresh) == 0) return nullptr;
     read_ = middle_.exchange(read_, std::memory_order_acq_rel) & kIndex;

@@ -11,9 +11,9 @@ namespace {
 
 // Counters that count what should not happen.
 bool isFault(std::string_view counter) {
-  constexpr std::array<std::string_view, 7> kPrefixes = {
-      "dropped.",      "deadline.",     "unsent.",        "camera.silences",
-      "map.save_fail", "recorder.lost", "recorder.pauses"};
+  constexpr std::array<std::string_view, 8> kPrefixes = {
+      "dropped.",      "deadline.",     "unsent.",         "camera.silences",
+      "map.save_fail", "recorder.lost", "recorder.pauses", "slam.frames_in_other_world"};
   return std::ranges::any_of(kPrefixes, [&](auto prefix) { return counter.starts_with(prefix); });
 }
 

@@ -1,5 +1,6 @@
 #include "daemon/publish/publisher.h"
 
+#include <cmath>
 #include <numeric>
 #include <span>
 #include <string>
@@ -63,7 +64,7 @@ void Publisher::run() {
     } else {
       more = !finished;
     }
-    publishMap();
+    publishMap(monotonicNs());
     watchCamera(monotonicNs());
     publishHealthWhenDue(monotonicNs());
   }
@@ -94,12 +95,17 @@ void Publisher::publishFrame() {
   }
 }
 
-void Publisher::publishMap() {
-  const MapSnapshot* map = input_.map.take();
-  if (map == nullptr) return;
-  ++map_revision_;
-  for (int piece = 0; piece < mapPieceCount(*map); ++piece) {
-    fillMapPiece(*map, dictionary_, map_revision_, piece, map_);
+// A change at once; what stays as it is again and again, as subscribers may come late.
+void Publisher::publishMap(std::int64_t now_ns) {
+  if (const MapSnapshot* map = input_.map.take()) {
+    newest_map_ = map;  // good until the next one is taken
+    ++map_revision_;
+  } else if (newest_map_ == nullptr || now_ns < next_map_ns_) {
+    return;
+  }
+  next_map_ns_ = now_ns + std::llround(1e9 * options_.map_interval_s);
+  for (int piece = 0; piece < mapPieceCount(*newest_map_); ++piece) {
+    fillMapPiece(*newest_map_, dictionary_, map_revision_, piece, map_);
     send(map_channel_, map_);
   }
 }

@@ -57,7 +57,7 @@ class Publisher {
   };
 
   void publishFrame();
-  void publishMap();
+  void publishMap(std::int64_t now_ns);
   void watchCamera(std::int64_t now_ns);
   void publishNoCamera(std::int64_t now_ns);
   void publishHealthWhenDue(std::int64_t now_ns);
@@ -101,7 +101,9 @@ class Publisher {
   std::uint64_t poses_unsent_ = 0;                                     // of frames
   std::array<std::uint64_t, kFrameStages.size()> deadlines_missed_{};  // by the longest stage
   std::optional<std::int64_t> last_pose_ns_;                           // monotonic
+  const MapSnapshot* newest_map_ = nullptr;  // of input_.map; null: none yet
   std::int64_t map_revision_ = 0;
+  std::int64_t next_map_ns_ = 0;  // monotonic, when the same is sent again
 
   CameraStatus::Report camera_report_{CameraState::kOpening, "the camera is being opened"};
   std::uint32_t camera_version_ = 0;

@@ -35,11 +35,14 @@ class PublisherTest : public ::testing::Test {
     options_.url = waymark::testing::randomUrl();
     options_.channel_prefix = "TEST_";
     subscriber_ = std::make_unique<Subscriber>(options_.url, options_.channel_prefix);
-    publisher_ = std::make_unique<Publisher>(options_, BodyMotion::Options{}, "4X4_50", output_,
-                                             camera_, frames_, health_, log_);
+    makePublisher();
   }
   void TearDown() override { finish(); }
 
+  void makePublisher() {
+    publisher_ = std::make_unique<Publisher>(options_, BodyMotion::Options{}, "4X4_50", output_,
+                                             camera_, frames_, health_, log_);
+  }
   void start() {
     thread_ = std::thread([this] { publisher_->run(); });
   }
@@ -181,6 +184,21 @@ TEST_F(PublisherTest, WhatIsLeftAtTheEndIsSent) {
   EXPECT_EQ(all.maps.size(), 1U);
   EXPECT_EQ(all.counters()["published.poses"], 40);
   EXPECT_EQ(all.healths.back().camera, health_t::CAMERA_ENDED);
+}
+
+// Whoever subscribes late gets a map that does not change any more, also without frames.
+TEST_F(PublisherTest, AMapThatStaysAsItIsIsSentAgain) {
+  options_.map_interval_s = 0.1;
+  makePublisher();
+  start();
+  giveMap(600);
+  ASSERT_TRUE(comes([](const Received& r) { return r.maps.size() >= 6; }));
+  const Received all = allOfIt();
+  for (std::size_t i = 0; i < 6; ++i) {
+    EXPECT_EQ(all.maps[i].revision, 1) << "it is the same";
+    EXPECT_EQ(all.maps[i].piece, static_cast<int>(i % 2));
+    EXPECT_EQ(all.maps[i].marker_count, 600);
+  }
 }
 
 TEST_F(PublisherTest, AMapComesInPiecesOfOneRevision) {

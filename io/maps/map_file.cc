@@ -95,6 +95,10 @@ Json cameraJson(const slam::Calibration& c, double readout_s) {
           {"readout_s", readout_s}};
 }
 
+Json fieldJson(const FieldSize& field) {
+  return {{"length_m", field.length_m}, {"width_m", field.width_m}};
+}
+
 Json markerJson(const slam::MapMarker& marker, const std::string& dictionary) {
   Json json = {{"dictionary", dictionary}, {"id", marker.id}, {"size", marker.size_m}};
   if (marker.T_w_m) {
@@ -178,6 +182,10 @@ double readReadout(const JsonNode& camera) {
   return readout_s;
 }
 
+FieldSize readField(const JsonNode& node) {
+  return {node.at("length_m").positive(), node.at("width_m").positive()};
+}
+
 MarkerState readState(const JsonNode& node) {
   const std::string name = node.text();
   for (const auto& [known, state] : kStates) {
@@ -237,6 +245,7 @@ class MapReader {
       file.camera = readCamera(root_.at("camera"));
       file.readout_s = readReadout(root_.at("camera"));
     }
+    if (root_.has("field")) file.field = readField(root_.at("field"));
     for (const char* list : {"markers", "unposed_markers"}) {
       for (const JsonNode& node : root_.at(list).elements()) {
         readMarker(node, std::string_view(list) == "markers", &file.map);
@@ -378,9 +387,9 @@ class MapReader {
   slam::KeyframeId last_keyframe_ = -1;
 };
 
-constexpr std::array<std::string_view, 8> kKeys = {"format",          "version",  "checksum",
-                                                   "dictionary",      "camera",   "markers",
-                                                   "unposed_markers", "keyframes"};
+constexpr std::array<std::string_view, 9> kKeys = {"format",     "version",         "checksum",
+                                                   "dictionary", "camera",          "field",
+                                                   "markers",    "unposed_markers", "keyframes"};
 
 void checkHead(const JsonNode& root) {
   if (root.at("format").text() != kFormat) {
@@ -413,7 +422,7 @@ void checkChecksum(const JsonNode& node, const std::string& text) {
 }  // namespace
 
 std::string formatMap(const slam::Map& map, const std::optional<slam::Calibration>& camera,
-                      double readout_s) {
+                      double readout_s, const std::optional<FieldSize>& field) {
   std::vector<Json> posed;
   std::vector<Json> unposed;
   for (const auto& [id, marker] : map.markers()) {
@@ -425,6 +434,7 @@ std::string formatMap(const slam::Map& map, const std::optional<slam::Calibratio
   const std::string head = "{" + jsonField("format", kFormat) + jsonField("version", kVersion);
   std::string body = jsonField("dictionary", map.dictionary);
   body += jsonField("camera", camera ? cameraJson(*camera, readout_s) : Json(nullptr));
+  if (field) body += jsonField("field", fieldJson(*field));
   body += jsonList("markers", posed) + ",\n";
   body += jsonList("unposed_markers", unposed) + ",\n";
   body += jsonList("keyframes", keyframes) + "}\n";

@@ -8,6 +8,7 @@
 
 #include "base/result.h"
 #include "io/maps/marker_corners.h"
+#include "io/maps/posed_markers.h"
 #include "slam/geometry/camera_model.h"
 #include "slam/map/map.h"
 
@@ -19,17 +20,20 @@ struct MapFile {
   std::optional<slam::Calibration> camera;
   // First to last row of that camera, seconds; 0 for a global shutter.
   double readout_s = 0.0;
+  // Where the markers come from a file that says it.
+  std::optional<FieldSize> field{};
   // False when the file has no checksum: somebody edited it and took the line out.
   bool has_checksum = true;
 };
 
 // {"format":"waymark-map","version":1,"checksum",...,"dictionary",...,"camera":{...},
-// "markers":[...],"unposed_markers":[...],"keyframes":[...]}, one marker or keyframe a line. Equal
-// maps, equal bytes; and a map that was read gives the bytes it was read from.
-// Precondition: all numbers are finite; a map with keyframes has a camera.
+// "field":{...} (where it is known),"markers":[...],"unposed_markers":[...],"keyframes":[...]}, one
+// marker or keyframe a line. Equal maps, equal bytes; and a map that was read gives the bytes it
+// was read from. Precondition: all numbers are finite; a map with keyframes has a camera.
 [[nodiscard]] std::string formatMap(const slam::Map& map,
                                     const std::optional<slam::Calibration>& camera,
-                                    double readout_s = 0.0);
+                                    double readout_s = 0.0,
+                                    const std::optional<FieldSize>& field = {});
 
 // Checks the checksum, every type, number and reference. The error is one line: file, place,
 // reason.

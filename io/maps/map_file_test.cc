@@ -84,6 +84,16 @@ std::string edited(const std::function<void(nlohmann::ordered_json&)>& edit) {
   return json.dump();
 }
 
+TEST(MapFile, TheFieldsSizeStays) {
+  const FieldSize field{16.451, 8.211};
+  const std::string text = formatMap(sampleMap(), kCamera, 0.0, field);
+  const Result<MapFile> file = parseMap(text, "m.json");
+  ASSERT_TRUE(file) << file.error().message;
+  EXPECT_EQ(file->field, field);
+  EXPECT_EQ(formatMap(file->map, file->camera, file->readout_s, file->field), text);
+  EXPECT_EQ(parseMap(sampleText(), "m.json")->field, std::nullopt) << "nobody said";
+}
+
 TEST(MapFile, HasWhatTheFormatPromises) {
   const nlohmann::json json = nlohmann::json::parse(sampleText());
   EXPECT_EQ(json["format"], "waymark-map");

@@ -21,9 +21,18 @@ struct PosedMarker {
   slam::Transform T_w_m;
 };
 
+// Of a playing field whose corner is the world's origin: along x and along y.
+struct FieldSize {
+  double length_m = 0.0;
+  double width_m = 0.0;
+
+  bool operator==(const FieldSize&) const = default;
+};
+
 struct PosedMarkers {
   std::string dictionary;  // empty where the file does not say, or says what we do not know
   std::vector<PosedMarker> markers;
+  std::optional<FieldSize> field{};  // where the file says
 };
 
 // The posed markers of a map, sorted by id.

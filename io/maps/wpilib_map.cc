@@ -40,18 +40,25 @@ PosedMarker readTag(const JsonNode& tag) {
   return marker;
 }
 
+// What is written of a map without a field may be 0; that says nothing.
+std::optional<FieldSize> readLayoutField(const JsonNode& node) {
+  const FieldSize field{node.at("length").number(), node.at("width").number()};
+  if (!(field.length_m > 0.0 && field.width_m > 0.0)) return std::nullopt;
+  return field;
+}
+
 }  // namespace
 
 std::string formatWpilibMap(const PosedMarkers& markers) {
   std::vector<Json> tags;
-  double length_m = 0.0;
-  double width_m = 0.0;
+  FieldSize extent;
   for (const PosedMarker& marker : markers.markers) {
     tags.push_back(tagJson(marker));
-    length_m = std::max(length_m, marker.T_w_m.p.x());
-    width_m = std::max(width_m, marker.T_w_m.p.y());
+    extent.length_m = std::max(extent.length_m, marker.T_w_m.p.x());
+    extent.width_m = std::max(extent.width_m, marker.T_w_m.p.y());
   }
-  const Json field = {{"length", length_m}, {"width", width_m}};
+  const FieldSize size = markers.field.value_or(extent);
+  const Json field = {{"length", size.length_m}, {"width", size.width_m}};
   return "{" + jsonList("tags", tags) + ",\n\"field\":" + field.dump() + "}\n";
 }
 
@@ -61,6 +68,7 @@ Result<PosedMarkers> parseWpilibMap(const std::string& text, const std::filesyst
   std::string fault;
   const JsonNode root(*json, &fault);
   PosedMarkers result;
+  if (root.has("field")) result.field = readLayoutField(root.at("field"));
   for (const JsonNode& tag : root.at("tags").elements()) {
     result.markers.push_back(readTag(tag));
     if (!fault.empty()) return Error{file.string() + ": " + fault};

@@ -14,8 +14,8 @@
 
 namespace waymark::io {
 
-// The map's world is taken as the field; length and width are those of the map's extent along x and
-// y from the origin, where no field is known.
+// The map's world is taken as the field; length and width are `markers.field` or, where nobody has
+// said it, the map's extent along x and y from the origin.
 [[nodiscard]] std::string formatWpilibMap(const PosedMarkers& markers);
 
 // `file` is for messages.

@@ -62,6 +62,16 @@ TEST(WpilibMap, RoundTrip) {
   expectSameMarkers(*back, markers);
 }
 
+// A field is larger than where its tags hang.
+TEST(WpilibMap, TheFieldsSizeStays) {
+  const auto map = parseWpilibMap(kExample, "f.json");
+  ASSERT_TRUE(map) << map.error().message;
+  EXPECT_EQ(map->field, (FieldSize{16.451, 8.211}));
+  const auto json = nlohmann::json::parse(formatWpilibMap(*map));
+  EXPECT_EQ(json["field"]["length"], 16.451);
+  EXPECT_EQ(json["field"]["width"], 8.211);
+}
+
 TEST(WpilibMap, FaultsNameThePlace) {
   const auto errorOf = [](const std::string& what, const std::string& instead) {
     std::string text = kExample;

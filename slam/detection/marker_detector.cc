@@ -25,7 +25,7 @@ double diagonal(const MarkerDetection& d) { return diagonalOf(d.pixels); }
 constexpr std::size_t kMaxRejected = 256;  // what memory is taken for
 
 // Nothing, and why.
-std::nullopt_t count(int* reason) {
+std::nullopt_t count(std::uint64_t* reason) {
   ++*reason;
   return std::nullopt;
 }
@@ -76,7 +76,6 @@ const std::vector<MarkerDetection>& MarkerDetector::detect(const ImageView& imag
 void MarkerDetector::begin() {
   measured_.clear();
   detections_.clear();
-  counters_ = {};
   std::erase_if(rejected_, [this](Rejected& rejected) {
     return ++rejected.frames > options_.rejected_frames;
   });
@@ -103,7 +102,7 @@ void MarkerDetector::scan(const ImageView& image, const SearchRegion& turn) {
 
 const std::vector<MarkerDetection>& MarkerDetector::finish() {
   for (const MeasuredMarker& measured : measured_) detections_.push_back(measured.detection);
-  removeRepeated();
+  mergeOutlines();
   return detections_;
 }
 
@@ -114,7 +113,7 @@ void MarkerDetector::scanWhole(const ImageView& image, const Window& window, int
     Quad quad = found;
     for (Eigen::Vector2d& corner : quad) corner += Eigen::Vector2d(window.left, window.top);
     if (isKnown(quad)) {
-      ++counters_.doubled;
+      ++counters_.merged;
     } else if (in_turn && wasRejected(quad)) {
       ++counters_.rejected;
     } else if (const auto measured = examine(image, quad)) {
@@ -231,27 +230,27 @@ bool MarkerDetector::isKnown(const Quad& quad) const {
   });
 }
 
-void MarkerDetector::removeRepeated() {
+// Of the outlines of one border, the outermost stays. Two prints of one id both stay: who uses them
+// decides what that means.
+void MarkerDetector::mergeOutlines() {
   std::sort(detections_.begin(), detections_.end(),
             [](const MarkerDetection& a, const MarkerDetection& b) {
               if (a.id != b.id) return a.id < b.id;
               return diagonal(a) > diagonal(b);
             });
-  std::vector<MarkerDetection>::iterator out = detections_.begin();
-  for (auto first = detections_.begin(); first != detections_.end();) {
-    const auto last = std::find_if(first, detections_.end(),
-                                   [&](const MarkerDetection& d) { return d.id != first->id; });
-    bool elsewhere = false;
-    for (auto other = first + 1; other < last; ++other) {
-      const bool same_place =
-          (centre(*other) - centre(*first)).norm() < options_.same_place * diagonal(*first);
-      elsewhere = elsewhere || !same_place;
-      ++(same_place ? counters_.doubled : counters_.repeated);
+  auto kept = detections_.begin();  // where those that stay end
+  for (auto next = detections_.begin(); next != detections_.end(); ++next) {
+    const bool merged = std::any_of(detections_.begin(), kept, [&](const MarkerDetection& other) {
+      return other.id == next->id &&
+             (centre(*next) - centre(other)).norm() < options_.same_place * diagonal(other);
+    });
+    if (merged) {
+      ++counters_.merged;
+    } else {
+      *kept++ = *next;
     }
-    if (!elsewhere) *out++ = *first;  // of two outlines of one border, the outer one
-    first = last;
   }
-  detections_.erase(out, detections_.end());
+  detections_.erase(kept, detections_.end());
 }
 
 }  // namespace waymark::slam

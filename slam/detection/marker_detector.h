@@ -4,6 +4,7 @@
 #pragma once
 
 #include <array>
+#include <cstdint>
 #include <optional>
 #include <string>
 #include <vector>
@@ -54,14 +55,13 @@ struct DetectorOptions {
   [[nodiscard]] std::string invalidReason() const;
 };
 
-// What became of the candidates of the last image.
+// What became of the candidates, since the start.
 struct DetectorCounters {
-  int quads = 0;
-  int no_edge = 0;   // a side had no clean edge
-  int no_code = 0;   // no border, or a code that is not in the dictionary
-  int doubled = 0;   // found again at the same place
-  int rejected = 0;  // rejected a few frames ago, and not looked at again
-  int repeated = 0;  // same id at another place: two prints, both left out
+  std::uint64_t quads = 0;     // found in the image itself or in a part of it
+  std::uint64_t no_edge = 0;   // a side had no clean edge
+  std::uint64_t no_code = 0;   // no border, or a code that is not in the dictionary
+  std::uint64_t merged = 0;    // another outline of a print that was found already
+  std::uint64_t rejected = 0;  // rejected a few frames ago, and not looked at again
 };
 
 // A marker in an image, and how its edges look there.
@@ -76,7 +76,8 @@ class MarkerDetector {
   MarkerDetector(const CameraModel& camera, Dictionary dictionary,
                  const DetectorOptions& options = {});
 
-  // Full scan. Sorted by id; each id at most once. Valid until the next call.
+  // Full scan. Sorted by id, each print once: an id is there twice where two prints have it. Valid
+  // until the next call.
   const std::vector<MarkerDetection>& detect(const ImageView& image);
 
   // The same piece by piece: begin(), any number of confirm() and scan(), finish().
@@ -87,10 +88,10 @@ class MarkerDetector {
                const SideFits* edges);
   // Every marker that is whole in a window of the image.
   void scan(const ImageView& image, const SearchRegion& turn);
-  // Sorted by id; each id at most once. Valid until the next call.
+  // As of detect().
   const std::vector<MarkerDetection>& finish();
 
-  // Since begin(), in the order in which they were found; where an id is there twice, both.
+  // Since begin(), in the order in which they were found; a print may be there twice.
   [[nodiscard]] const std::vector<MeasuredMarker>& measured() const { return measured_; }
   [[nodiscard]] const DetectorCounters& counters() const { return counters_; }
   [[nodiscard]] const Dictionary& dictionary() const { return dictionary_; }
@@ -115,7 +116,7 @@ class MarkerDetector {
                                                       const std::array<Eigen::Vector2d, 4>& corners,
                                                       const SideFits* edges);
   [[nodiscard]] bool isKnown(const Quad& quad) const;
-  void removeRepeated();
+  void mergeOutlines();
 
   const CameraModel& camera_;
   DetectorOptions options_;

@@ -47,14 +47,34 @@ TEST_F(MarkerDetectorTest, SmallMarkersAreRead) {
   EXPECT_EQ(found[0].id, 5);
 }
 
-TEST_F(MarkerDetectorTest, OneIdTwiceIsNone) {
+// Which of them counts is not for the detector to say.
+TEST_F(MarkerDetectorTest, TwoPrintsOfOneIdAreFoundBoth) {
   draw(dictionary_, 3, 100, 80, 6);
   draw(dictionary_, 3, 300, 200, 6);
   draw(dictionary_, 4, 300, 80, 6);
   const auto& found = detector_.detect(wall_.view());
-  ASSERT_EQ(found.size(), 1U);
-  EXPECT_EQ(found[0].id, 4);
-  EXPECT_EQ(detector_.counters().repeated, 1);
+  ASSERT_EQ(found.size(), 3U);
+  EXPECT_EQ(found[0].id, 3);
+  EXPECT_EQ(found[1].id, 3);
+  EXPECT_GT((found[0].pixels[0] - found[1].pixels[0]).norm(), 200.0);
+  EXPECT_EQ(found[2].id, 4);
+}
+
+// As where two thresholds outline it, or where it is followed and found by a search as well.
+TEST_F(MarkerDetectorTest, OnePrintFoundTwiceIsThereOnce) {
+  draw(dictionary_, 3, 100, 80, 6);
+  draw(dictionary_, 3, 300, 200, 6);
+  const std::vector<MarkerDetection> once = detector_.detect(wall_.view());
+  ASSERT_EQ(once.size(), 2U);
+  const std::uint64_t merged = detector_.counters().merged;
+  detector_.begin();
+  for (int i = 0; i < 3; ++i) {
+    for (const MarkerDetection& print : once) {
+      ASSERT_TRUE(detector_.confirm(wall_.view(), 3, print.normalized, nullptr));
+    }
+  }
+  EXPECT_EQ(detector_.finish().size(), 2U);
+  EXPECT_EQ(detector_.counters().merged, merged + 4);
 }
 
 TEST_F(MarkerDetectorTest, AWrongBitIsCorrectedAndCounted) {
@@ -74,7 +94,10 @@ TEST_F(MarkerDetectorTest, WhatIsNoMarkerIsNotFound) {
   wall_.paint(30, [](int x, int y) { return x >= 100 && x < 160 && y >= 80 && y < 140; });
   draw(*Dictionary::byName("5X5_1000"), 7, 300, 80, 8);
   EXPECT_TRUE(detector_.detect(wall_.view()).empty());
-  EXPECT_EQ(detector_.counters().quads, 2);
+  EXPECT_EQ(detector_.counters().quads, 2U);
+  EXPECT_EQ(detector_.counters().no_edge + detector_.counters().no_code, 2U);
+  (void)detector_.detect(wall_.view());
+  EXPECT_EQ(detector_.counters().quads, 4U) << "since the start";
 }
 
 TEST_F(MarkerDetectorTest, CutOffMarkersAreNotFound) {

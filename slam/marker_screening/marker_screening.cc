@@ -76,7 +76,7 @@ MarkerScreening::LeftOut MarkerScreening::sift(std::span<const MarkerDetection> 
 bool MarkerScreening::banDuplicates(Map* map, Counters* counters) {
   bool changed = false;
   for (const auto& [id, frames] : doubled_) {
-    if (frames != options_.doubled_frames) continue;
+    if (frames < options_.doubled_frames) continue;
     if (map->addMarker(id, markers_.sizeOf(id)).state == MarkerState::kBanned) continue;
     ban(id, map, counters);
     changed = true;

@@ -94,6 +94,18 @@ TEST_F(MarkerScreeningTest, AnIdSeenTwiceAgainAndAgainIsRejected) {
   EXPECT_TRUE(screened({seen(6)}).empty());
 }
 
+// Frames without a pose change no map: what they have shown counts in the next one with a pose.
+TEST_F(MarkerScreeningTest, AnIdSeenTwiceTooOftenWithoutAPoseIsRejectedWithTheNextPose) {
+  mapMarker(6, at(0.0));
+  for (int i = 0; i < MarkerScreeningOptions{}.doubled_frames + 2; ++i) {
+    (void)screened({seen(6), seen(6)});
+  }
+  EXPECT_TRUE(screening_.banDuplicates(&map_, &counters_));
+  EXPECT_EQ(map_.find(6)->state, MarkerState::kBanned);
+  EXPECT_EQ(counters_.refused_markers, 1U);
+  EXPECT_FALSE(screening_.banDuplicates(&map_, &counters_)) << "once is enough";
+}
+
 // Also where the map has not heard of it yet.
 TEST_F(MarkerScreeningTest, ADoubledMarkerIsRejectedBeforeItIsMapped) {
   for (int i = 0; i < MarkerScreeningOptions{}.doubled_frames; ++i)

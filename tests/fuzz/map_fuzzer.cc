@@ -26,7 +26,7 @@ std::string readAndWritten(const std::string& text, const char* what) {
   const auto file = io::parseMap(text, "again.json");
   fuzz::require(file.ok(), std::string(what) + " is read again: " +
                                (file ? std::string() : file.error().message) + "\n" + text);
-  return io::formatMap(file->map, file->camera, file->readout_s);
+  return io::formatMap(file->map, file->camera, file->readout_s, file->field);
 }
 
 // The views of the last keyframes once more, as if the camera went on from there.
@@ -73,7 +73,7 @@ int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
     fuzz::requireOneLine(file.error());
     return 0;
   }
-  const std::string text = io::formatMap(file->map, file->camera, file->readout_s);
+  const std::string text = io::formatMap(file->map, file->camera, file->readout_s, file->field);
   fuzz::require(readAndWritten(text, "what was read") == text, "a map keeps its bytes:\n" + text);
   if (!file->camera) return 0;
   (void)goneOnWith(*file, false);

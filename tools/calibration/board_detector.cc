@@ -63,10 +63,13 @@ std::vector<BoardDetector::Seen> BoardDetector::seenMarkers(const ImageView& ima
   for (std::size_t i = 0; i < board_.markers().size(); ++i) {
     index_of[board_.markers()[i].id] = i;
   }
+  const std::vector<slam::MarkerDetection>& detections = detector_.detect(image);
   std::vector<Seen> seen;
-  for (const slam::MarkerDetection& detection : detector_.detect(image)) {
+  for (const slam::MarkerDetection& detection : detections) {
     const auto found = index_of.find(detection.id);
-    if (found != index_of.end()) seen.push_back({found->second, detection});
+    // Of two prints of one id at most one is on the board, and nobody knows which.
+    const auto prints = std::ranges::count(detections, detection.id, &slam::MarkerDetection::id);
+    if (found != index_of.end() && prints == 1) seen.push_back({found->second, detection});
   }
   return seen;
 }

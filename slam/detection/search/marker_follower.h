@@ -56,9 +56,9 @@ class MarkerFollower {
   MarkerFollower(const CameraModel& camera, Dictionary dictionary, const DetectorOptions& detector,
                  const FollowerOptions& options);
 
-  // Sorted by id; each id at most once. Valid until the next call. `expected`: sorted by id; of the
-  // markers seen in the last frame those that are not among them are expected to move on in the
-  // image as they did.
+  // Sorted by id; where two prints of one id are seen, both. Valid until the next call. `expected`:
+  // sorted by id; of the markers seen in the last frame those that are not among them are expected
+  // to move on in the image as they did.
   const std::vector<MarkerDetection>& find(const ImageView& image, std::int64_t time_ns,
                                            std::span<const ExpectedMarker> expected);
 
@@ -70,6 +70,7 @@ class MarkerFollower {
     std::array<Eigen::Vector2d, 4> velocity;  // of the normalized corners, per second
   };
   [[nodiscard]] std::span<const Followed> followed() const { return followed_; }
+  [[nodiscard]] const DetectorCounters& counters() const { return detector_.counters(); }
   [[nodiscard]] const Dictionary& dictionary() const { return detector_.dictionary(); }
 
  private:

@@ -120,13 +120,16 @@ TEST_F(MarkerFollowerTest, TheMapsMotionCountsMoreThanTheImages) {
   EXPECT_EQ(follower_.mode(), SearchMode::kFollowing);
 }
 
-TEST_F(MarkerFollowerTest, TwoPrintsOfOneIdAreNone) {
+TEST_F(MarkerFollowerTest, TwoPrintsOfOneIdAreFollowedBoth) {
   (void)show({{3, 100, 80}, {4, 300, 80}});
   for (int frame = 0; frame < 60; ++frame) {
-    const auto& found = show({{3, 100, 80}, {3, 400, 300}, {4, 300, 80}});
+    const auto& found = show({{3, 100 + frame, 80}, {3, 400 - frame, 300}, {4, 300, 80}});
     if (frame < 20) continue;  // the second one needs its turn to be found
-    ASSERT_EQ(found.size(), 1U) << frame;
-    EXPECT_EQ(found[0].id, 4);
+    ASSERT_EQ(found.size(), 3U) << frame;
+    EXPECT_EQ(found[0].id, 3);
+    EXPECT_EQ(found[1].id, 3);
+    EXPECT_EQ(found[2].id, 4);
+    EXPECT_EQ(follower_.mode(), SearchMode::kFollowing) << frame;
   }
 }
 

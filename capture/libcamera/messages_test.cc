@@ -1,0 +1,36 @@
+#include <mutex>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include <gtest/gtest.h>
+#include <libcamera/logging.h>
+
+#include "capture/libcamera/libcamera_source.h"
+#include "capture/libcamera/manager.h"
+
+namespace waymark::capture {
+namespace {
+
+TEST(LibcameraMessages, GoToTheSinkAndNotToStderr) {
+  std::mutex mutex;
+  std::vector<std::string> lines;
+  ::testing::internal::CaptureStderr();
+  {
+    const LibcameraMessages messages([&](std::string_view line) {
+      const std::lock_guard lock(mutex);
+      lines.emplace_back(line);
+    });
+    libcamera::logSetLevel("Camera", "INFO");  // it tells its version when it starts
+    const auto manager = libcam::sharedManager();
+    EXPECT_TRUE(manager) << manager.error().message;
+  }
+  libcamera::logSetLevel("Camera", "ERROR");
+  EXPECT_EQ(::testing::internal::GetCapturedStderr(), "");
+  ASSERT_FALSE(lines.empty());
+  EXPECT_NE(lines.front().find("libcamera v"), std::string::npos) << lines.front();
+  for (const std::string& line : lines) EXPECT_EQ(line.find('\n'), std::string::npos) << line;
+}
+
+}  // namespace
+}  // namespace waymark::capture
