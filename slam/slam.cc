@@ -63,7 +63,7 @@ class Slam::Impl {
         // Also after a new keyframe: in fast motion every frame is one.
         updater_.work(options_.work_per_frame, map_);
       }
-      followMap(observer, result);
+      followMap(observer, &result);
     }
     if (result.pose) ++counters_.localized;
     return result;
@@ -202,10 +202,11 @@ class Slam::Impl {
   }
 
   // The map's uncertainty follows its changes, in slices.
-  void followMap(StageObserver* observer, const FrameResult& result) {
+  void followMap(StageObserver* observer, FrameResult* result) {
     const StageScope scope(observer, Stage::kMap);
-    if (result.map_changed || result.keyframe_added) covariance_.noteChange();
-    covariance_.work(updater_.residualSigma(), &map_);
+    if (result->map_changed || result->keyframe_added) covariance_.noteChange();
+    const bool news = covariance_.work(updater_.residualSigma(), &map_);
+    result->map_changed = result->map_changed || (news && options_.mapping);
   }
 
   // What comes now may be at a loop's other end.
