@@ -107,6 +107,21 @@ class Slam::Impl {
     return estimate;
   }
 
+  [[nodiscard]] std::optional<PosesOfOneMarker> localizeByOneMarker(
+      const RecordedFrame& frame) const {
+    const auto located =
+        locator_.locateByOneMarker(map_, frame, options_.tracking.relocalization.square);
+    if (!located) return std::nullopt;
+    PosesOfOneMarker both{
+        located->known.front().detection->id, {}, located->view.log_odds, located->view.barrier};
+    for (std::size_t i = 0; i < 2; ++i) {
+      const PoseSolution& solution = located->solutions[i];
+      both.poses[i] = tracker_.tracker().estimateOf(solution, located->known, frame.twist);
+      both.poses[i].covariance = covariance_.inWorld(solution, located->known);
+    }
+    return both;
+  }
+
   [[nodiscard]] const Map& map() const { return map_; }
   [[nodiscard]] const Counters& counters() const { return counters_; }
   [[nodiscard]] const CameraModel& camera() const { return camera_; }
@@ -262,6 +277,10 @@ void Slam::optimizeGloballyWithIntrinsics() { impl_->optimizeMapAndLens(); }
 
 std::optional<PoseEstimate> Slam::localize(const RecordedFrame& frame) const {
   return impl_->localize(frame);
+}
+
+std::optional<PosesOfOneMarker> Slam::localizeByOneMarker(const RecordedFrame& frame) const {
+  return impl_->localizeByOneMarker(frame);
 }
 
 double Slam::readout_s() const { return impl_->readout_s(); }

@@ -111,7 +111,7 @@ TEST_F(SingleMarkerSequenceTest, WhereThePosesAreNotTwoNothingIsPassedOnByLikene
 TEST_F(SingleMarkerSequenceTest, AfterALongGapNothingIsKnown) {
   for (int i = 0; i < 10; ++i) frames_.push_back(ofSeveral(i));
   frames_.push_back(ofOne(3000, 1));
-  EXPECT_NEAR(odds().back(), 0.0, 0.01);
+  EXPECT_NEAR(odds().back(), 0.0, 0.1);
 }
 
 TEST_F(SingleMarkerSequenceTest, ATimeThatGoesBackBeginsAnew) {
