@@ -75,30 +75,6 @@ void makeFinalMap(std::span<LiveFrame> frames, const FinalMapOptions& options, S
   }
 }
 
-std::vector<std::optional<Transform>> localizeAll(std::span<const LiveFrame> frames,
-                                                  const Slam& slam) {
-  std::vector<std::optional<Transform>> poses(frames.size());
-  // A frame that was lost live starts from its neighbour: first the one before, then, for the
-  // frames in front of the first pose, the one after.
-  std::optional<Transform> neighbour;
-  const auto localize = [&](std::size_t i) {
-    if (!poses[i]) {
-      const auto& live = frames[i].pose;
-      const std::optional<Transform> guess = live ? live->T_w_c : neighbour;
-      if (!guess) return;
-      const Vector6d twist = live ? live->twist : Vector6d::Zero();
-      const auto pose =
-          slam.localize({i, frames[i].monotonic_ns, frames[i].detections, *guess, twist});
-      if (pose) poses[i] = pose->T_w_c;
-    }
-    if (poses[i]) neighbour = poses[i];
-  };
-  for (std::size_t i = 0; i < frames.size(); ++i) localize(i);
-  neighbour.reset();
-  for (std::size_t i = frames.size(); i-- > 0;) localize(i);
-  return poses;
-}
-
 void tryAgain(std::span<const LiveFrame> frames, Slam* slam) {
   std::vector<std::size_t> left;
   for (std::size_t i = 0; i < frames.size(); ++i) {

@@ -8,8 +8,8 @@
 //   3. All keyframes and markers are optimized, with the lens if wanted.
 //   4. 2 and 3 again: what did not fit the map as it was live may fit the better one.
 //
-// A daemon that keeps no frames has step 3 alone. Where every frame is in that map, localizeAll()
-// tells.
+// A daemon that keeps no frames has step 3 alone. Where every frame is in that map,
+// slam/final_trajectory tells.
 #pragma once
 
 #include <cstddef>
@@ -58,11 +58,6 @@ struct FinalMapOptions {
 // Steps 1 to 4, in slam->map(). Without frames 3 alone. When the lens changes (slam->camera()), the
 // frames' corners follow; a marker it cannot have seen leaves its frame.
 void makeFinalMap(std::span<LiveFrame> frames, const FinalMapOptions& options, Slam* slam);
-
-// Where each frame is in the map as it is now; empty where it does not say. One that was lost live
-// is looked for near its neighbours.
-[[nodiscard]] std::vector<std::optional<Transform>> localizeAll(std::span<const LiveFrame> frames,
-                                                                const Slam& slam);
 
 // Step 1: gives the frames without a pose to the SLAM again, in their order and until none finds
 // its place any more: each one that does may show what places others.

@@ -8,6 +8,7 @@
 
 #include <gtest/gtest.h>
 
+#include "slam/final_trajectory.h"
 #include "slam/slam.h"
 #include "slam/testing/scene.h"
 
@@ -236,10 +237,10 @@ TEST_F(FinalMapTest, PhotographsFindTheirPlaceInTheEnd) {
   EXPECT_EQ(slam.counters().frames, before + 3) << "both, and the farthest once more";
   EXPECT_TRUE(keyframeOf(2, slam.map()));
   EXPECT_TRUE(keyframeOf(3, slam.map()));
-  const auto poses = localizeAll(frames, slam);
+  const auto poses = localizeAll(frames, {.unordered_images = true}, slam);
   for (std::size_t i = 0; i < frames.size(); ++i) {
-    ASSERT_TRUE(poses[i]) << i;
-    EXPECT_LT((poses[i]->p - views[0].inverse() * views[i].p).norm(), 0.05) << i;
+    ASSERT_TRUE(poses[i].pose) << i;
+    EXPECT_LT((poses[i].pose->T_w_c.p - views[0].inverse() * views[i].p).norm(), 0.05) << i;
   }
 }
 
@@ -250,7 +251,7 @@ TEST_F(FinalMapTest, WhatFitsNowhereIsGivenUp) {
   const std::uint64_t before = slam.counters().frames;
   tryAgain(frames, &slam);
   EXPECT_EQ(slam.counters().frames, before + 1) << "one pass";
-  EXPECT_FALSE(localizeAll(frames, slam)[2]);
+  EXPECT_FALSE(localizeAll(frames, {.unordered_images = true}, slam)[2].pose);
 }
 
 // As the daemon saves: it keeps no frames.
@@ -323,15 +324,18 @@ TEST_F(FinalMapTest, EveryFrameIsLocalizedAgain) {
   // As if the start had been missed, and something in the middle; frame 90 shows nothing.
   for (const std::size_t i : {0, 1, 2, 60, 61}) frames[i].pose.reset();
   frames[90].detections.clear();
-  const auto poses = localizeAll(frames, slam);
+  const auto poses = localizeAll(frames, {}, slam);
   ASSERT_EQ(poses.size(), frames.size());
   for (std::size_t i = 0; i < poses.size(); ++i) {
-    ASSERT_EQ(poses[i].has_value(), i != 90) << i;
+    ASSERT_EQ(poses[i].pose.has_value(), i != 90) << i;
+    EXPECT_EQ(poses[i].reason, i == 90 ? NoPoseReason::kNoMarker : NoPoseReason::kNone);
     if (i == 90) continue;
-    EXPECT_LT((poses[i]->p - views[0].inverse() * views[i].p).norm(), 0.05) << i;
+    EXPECT_LT((poses[i].pose->T_w_c.p - views[0].inverse() * views[i].p).norm(), 0.05) << i;
   }
   for (LiveFrame& frame : frames) frame.pose.reset();
-  for (const auto& pose : localizeAll(frames, slam)) EXPECT_FALSE(pose) << "nothing to start from";
+  for (const auto& frame : localizeAll(frames, {}, slam)) {
+    EXPECT_FALSE(frame.pose) << "nothing to start from";
+  }
 }
 
 }  // namespace

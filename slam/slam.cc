@@ -64,7 +64,7 @@ class Slam::Impl {
         // Also after a new keyframe: in fast motion every frame is one.
         updater_.work(options_.work_per_frame, map_);
       }
-      followMap(observer, result);
+      followMap(observer, &result);
     }
     if (result.pose) ++counters_.localized;
     if (isInOtherWorld()) ++counters_.frames_in_other_world;
@@ -108,6 +108,21 @@ class Slam::Impl {
     auto estimate = tracker_.tracker().estimateOf(located->solution, located->known, frame.twist);
     estimate.covariance = covariance_.inWorld(located->solution, located->known);
     return estimate;
+  }
+
+  [[nodiscard]] std::optional<PosesOfOneMarker> localizeByOneMarker(
+      const RecordedFrame& frame) const {
+    const auto located =
+        locator_.locateByOneMarker(map_, frame, options_.tracking.relocalization.square);
+    if (!located) return std::nullopt;
+    PosesOfOneMarker both{
+        located->known.front().detection->id, {}, located->view.log_odds, located->view.barrier};
+    for (std::size_t i = 0; i < 2; ++i) {
+      const PoseSolution& solution = located->solutions[i];
+      both.poses[i] = tracker_.tracker().estimateOf(solution, located->known, frame.twist);
+      both.poses[i].covariance = covariance_.inWorld(solution, located->known);
+    }
+    return both;
   }
 
   [[nodiscard]] const Map& map() const { return map_; }
@@ -225,10 +240,11 @@ class Slam::Impl {
   }
 
   // The map's uncertainty follows its changes, in slices.
-  void followMap(StageObserver* observer, const FrameResult& result) {
+  void followMap(StageObserver* observer, FrameResult* result) {
     const StageScope scope(observer, Stage::kMap);
-    if (result.map_changed || result.keyframe_added) covariance_.noteChange();
-    covariance_.work(updater_.residualSigma(), &map_);
+    if (result->map_changed || result->keyframe_added) covariance_.noteChange();
+    const bool news = covariance_.work(updater_.residualSigma(), &map_);
+    result->map_changed = result->map_changed || (news && options_.mapping);
   }
 
   // What comes now may be at a loop's other end.
@@ -285,6 +301,10 @@ void Slam::optimizeGloballyWithIntrinsics() { impl_->optimizeMapAndLens(); }
 
 std::optional<PoseEstimate> Slam::localize(const RecordedFrame& frame) const {
   return impl_->localize(frame);
+}
+
+std::optional<PosesOfOneMarker> Slam::localizeByOneMarker(const RecordedFrame& frame) const {
+  return impl_->localizeByOneMarker(frame);
 }
 
 double Slam::readout_s() const { return impl_->readout_s(); }

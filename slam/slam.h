@@ -2,6 +2,7 @@
 // no clocks, no files; time comes in with the frame.
 #pragma once
 
+#include <array>
 #include <memory>
 #include <optional>
 #include <span>
@@ -17,6 +18,13 @@
 #include "slam/stages.h"
 
 namespace waymark::slam {
+
+struct PosesOfOneMarker {
+  int marker = -1;
+  std::array<PoseEstimate, 2> poses;  // the one that explains the image better first
+  double log_odds = 0.0;              // as SingleMarkerView's, and so is the barrier
+  double barrier = 0.0;
+};
 
 class Slam {
  public:
@@ -51,6 +59,10 @@ class Slam {
   // A frame's pose against the map as it is now; for trajectory_final. Empty when too few of its
   // markers are in the map.
   [[nodiscard]] std::optional<PoseEstimate> localize(const RecordedFrame& frame) const;
+  // The same of a frame in which the map knows one marker only: at both of its poses. Empty where
+  // it knows none or several, or one of the two does not fit.
+  [[nodiscard]] std::optional<PosesOfOneMarker> localizeByOneMarker(
+      const RecordedFrame& frame) const;
   // First to last row, seconds, as given or learned; 0 for a global shutter.
   [[nodiscard]] double readout_s() const;
 

@@ -385,6 +385,10 @@ TEST_F(InterruptedRun, ABadImageAtTheEndCostsNoMoreThanItself) {
   EXPECT_EQ(told["frames"], 19);
   EXPECT_EQ(poses("trajectory.tum"), told["localized"].get<int>());
   EXPECT_GE(poses("trajectory_final.tum"), 15);
+  for (const char* every : {"poses.csv", "poses_final.csv"}) {
+    const std::string lines = readFile(directory_ / "out" / every);
+    EXPECT_EQ(std::count(lines.begin(), lines.end(), '\n'), 1 + 19) << every;
+  }
   EXPECT_TRUE(fs::exists(directory_ / "out" / "map.json"));
 }
 
@@ -445,7 +449,8 @@ TEST_F(WaymarkTool, RealRecordingTwice) {
                                                {"--out", (directory_ / out).string()}});
     ASSERT_EQ(result.exit_code, 0) << result.err;
   }
-  for (const char* file : {"trajectory.tum", "trajectory_final.tum", "map.json", "map.svg"}) {
+  for (const char* file : {"trajectory.tum", "trajectory_final.tum", "poses.csv", "poses_final.csv",
+                           "map.json", "map.svg"}) {
     const std::string bytes = readFile(directory_ / "first" / file);
     EXPECT_FALSE(bytes.empty()) << file;
     EXPECT_TRUE(bytes == readFile(directory_ / "second" / file)) << file << " differs";

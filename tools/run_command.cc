@@ -18,6 +18,7 @@
 
 #include "daemon/control/stop_signal.h"
 #include "io/calibrations/calibration_file.h"
+#include "io/frame_poses.h"
 #include "io/maps/map_file.h"
 #include "io/maps/map_picture.h"
 #include "io/maps/old_map.h"
@@ -227,11 +228,14 @@ Status writeOutputs(const slam::Slam& slam,
                     const std::string& incomplete, const RunRecord& record, bool with_calibration,
                     RunSetup& setup) {
   io::OutputDirectory& output = *setup.output;
-  const io::Trajectory final_trajectory = record.finalTrajectory(slam);
+  const auto final_poses = record.finalPoses(slam, setup.input->unorderedImages());
+  const io::Trajectory final_trajectory = io::trajectoryOf(final_poses);
   output.add("stats.json", statistics(incomplete));
   output.add("trajectory.tum", io::formatTrajectory(record.liveTrajectory()));
+  output.add("poses.csv", io::formatFramePoses(record.livePoses()));
   output.add("map.json", mapText(slam, setup));
   output.add("trajectory_final.tum", io::formatTrajectory(final_trajectory));
+  output.add("poses_final.csv", io::formatFramePoses(final_poses));
   if (with_calibration) {
     output.add("calib.yml", io::formatCalibration(slam.camera().calibration()));
   }
@@ -373,9 +377,10 @@ void addRunCommand(CLI::App& app, int* exit_code) {
                       "several). An event log of the daemon brings its own");
   addCalibrationFit(*command, arguments->calibration_fit);
   addMarkerArguments(*command, arguments->markers);
-  command->add_option("--out", arguments->out,
-                      "Directory for trajectory.tum, trajectory_final.tum, map.json, map.svg and "
-                      "stats.json");
+  command->add_option(
+      "--out", arguments->out,
+      "Directory for trajectory.tum, trajectory_final.tum, poses.csv, poses_final.csv, "
+      "map.json, map.svg and stats.json");
   CLI::Option* map_in =
       command->add_option("--map-in", arguments->map_in, "Go on with this map.json");
   CLI::Option* localize_only =

@@ -6,6 +6,8 @@
 
 #include <nlohmann/json.hpp>
 
+#include "slam/final_trajectory.h"
+
 namespace waymark::tools {
 namespace {
 
@@ -15,6 +17,18 @@ std::size_t posedMarkers(const slam::Map& map) {
   return static_cast<std::size_t>(
       std::count_if(map.markers().begin(), map.markers().end(),
                     [](const auto& entry) { return entry.second.T_w_m.has_value(); }));
+}
+
+io::FrameStatus statusOf(slam::TrackingState state) {
+  switch (state) {
+    case slam::TrackingState::kInitializing:
+      return io::FrameStatus::kInitializing;
+    case slam::TrackingState::kTracking:
+      return io::FrameStatus::kTracking;
+    case slam::TrackingState::kRelocalizing:
+      return io::FrameStatus::kRelocalizing;
+  }
+  return io::FrameStatus::kInitializing;
 }
 
 }  // namespace
@@ -30,10 +44,13 @@ void RunRecord::add(std::int64_t time_ns, const slam::FrameResult& result,
   }
   // Half of them at once: each frame is moved once at most.
   if (frames_.size() / 2 >= max_frames_) {
-    frames_.erase(frames_.begin(), frames_.begin() + static_cast<std::ptrdiff_t>(max_frames_));
+    const auto earliest = static_cast<std::ptrdiff_t>(max_frames_);
+    frames_.erase(frames_.begin(), frames_.begin() + earliest);
+    states_.erase(states_.begin(), states_.begin() + earliest);
     forgotten_ += max_frames_;
   }
   frames_.push_back({time_ns, result.pose, {result.detections.begin(), result.detections.end()}});
+  states_.push_back({result.state, result.reason});
 }
 
 double RunRecord::localizedPercent() const {
@@ -49,13 +66,29 @@ io::Trajectory RunRecord::liveTrajectory() const {
   return trajectory;
 }
 
-io::Trajectory RunRecord::finalTrajectory(const slam::Slam& slam) const {
-  const std::vector<std::optional<slam::Transform>> poses = slam::localizeAll(frames_, slam);
-  io::Trajectory trajectory;
+std::vector<io::FramePose> RunRecord::livePoses() const {
+  std::vector<io::FramePose> poses;
+  poses.reserve(frames_.size());
   for (std::size_t i = 0; i < frames_.size(); ++i) {
-    if (poses[i]) trajectory.push_back({frames_[i].monotonic_ns, *poses[i]});
+    poses.push_back({frames_[i].monotonic_ns, forgotten_ + i, statusOf(states_[i].state),
+                     frames_[i].pose, slam::describe(states_[i].reason)});
   }
-  return trajectory;
+  return poses;
+}
+
+std::vector<io::FramePose> RunRecord::finalPoses(const slam::Slam& slam,
+                                                 bool unordered_images) const {
+  const auto found = slam::localizeAll(frames_, {.unordered_images = unordered_images}, slam);
+  const auto without_pose =
+      posedMarkers(slam.map()) > 0 ? io::FrameStatus::kLost : io::FrameStatus::kInitializing;
+  std::vector<io::FramePose> poses;
+  poses.reserve(frames_.size());
+  for (std::size_t i = 0; i < frames_.size(); ++i) {
+    poses.push_back({frames_[i].monotonic_ns, forgotten_ + i,
+                     found[i].pose ? io::FrameStatus::kTracking : without_pose, found[i].pose,
+                     slam::describe(found[i].reason)});
+  }
+  return poses;
 }
 
 std::vector<io::RecordedFrame> RunRecord::recordedFrames() const {

@@ -9,6 +9,7 @@
 #include <string>
 #include <vector>
 
+#include "io/frame_poses.h"
 #include "io/recorded_detections.h"
 #include "io/trajectory.h"
 #include "slam/final_map.h"
@@ -38,8 +39,11 @@ class RunRecord {
 
   // Every frame's pose at its time: causal.
   [[nodiscard]] io::Trajectory liveTrajectory() const;
-  // Every frame's pose against the map as it is now.
-  [[nodiscard]] io::Trajectory finalTrajectory(const slam::Slam& slam) const;
+  // Every frame as it was at its time, and against the map as it is at the end: with and without a
+  // pose, one after the other.
+  [[nodiscard]] std::vector<io::FramePose> livePoses() const;
+  [[nodiscard]] std::vector<io::FramePose> finalPoses(const slam::Slam& slam,
+                                                      bool unordered_images) const;
   // Every frame's detections, for replaying them.
   [[nodiscard]] std::vector<io::RecordedFrame> recordedFrames() const;
   // When each of all closed loops closed: the time of the frame; `counters` as they are at the end.
@@ -52,7 +56,13 @@ class RunRecord {
 
  private:
   std::size_t max_frames_;
+  // Why a frame had no pose, or that it had one.
+  struct LiveState {
+    slam::TrackingState state = slam::TrackingState::kInitializing;
+    slam::NoPoseReason reason = slam::NoPoseReason::kNone;
+  };
   std::vector<slam::LiveFrame> frames_;
+  std::vector<LiveState> states_;  // of each of them
   std::size_t forgotten_ = 0;
   double squares_px2_ = 0.0;  // of each pose's RMS
   std::size_t localized_ = 0;

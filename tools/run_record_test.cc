@@ -40,6 +40,22 @@ TEST(RunRecord, KeepsWhatEachFrameWasLive) {
   EXPECT_EQ(record.recordedFrames().at(7).detections.at(0).id, 7);
 }
 
+TEST(RunRecord, EveryFrameIsAmongThePoses) {
+  RunRecord record = walk({0, 7});
+  slam::FrameResult lost;
+  lost.state = slam::TrackingState::kRelocalizing;
+  lost.reason = slam::NoPoseReason::kNoMarker;
+  record.add(10 * kPeriod_ns, lost, {});
+  const auto poses = record.livePoses();
+  ASSERT_EQ(poses.size(), 11U);
+  EXPECT_EQ(poses[8].frame, 8U);
+  EXPECT_EQ(poses[8].time_ns, 8 * kPeriod_ns);
+  EXPECT_EQ(poses[8].pose->T_w_c.p.x(), 8.0);
+  EXPECT_FALSE(poses[10].pose);
+  EXPECT_EQ(poses[10].status, io::FrameStatus::kRelocalizing);
+  EXPECT_EQ(poses[10].reason, "no marker in view");
+}
+
 TEST(RunRecord, AFrameWithoutAPoseHasNoLine) {
   const io::Trajectory trajectory = walk({0, 7}).liveTrajectory();
   ASSERT_EQ(trajectory.size(), 8U);
@@ -65,6 +81,11 @@ TEST(RunRecord, OfACameraTheLatestFramesAreKept) {
   EXPECT_EQ(record.localized(), 1049U);
   EXPECT_EQ(record.liveFrames().size() + record.forgotten(), 1050U);
   EXPECT_GE(record.liveFrames().size(), 100U);
+  const auto poses = record.livePoses();
+  ASSERT_EQ(poses.size(), record.liveFrames().size());
+  EXPECT_EQ(poses.front().frame, record.forgotten());
+  EXPECT_EQ(poses.back().frame, 1049U);
+  EXPECT_EQ(poses.back().pose->T_w_c.p.x(), 1049.0);
   const io::Trajectory trajectory = record.liveTrajectory();
   EXPECT_EQ(trajectory.size(), record.liveFrames().size());
   EXPECT_EQ(trajectory.back().T_w_c.p.x(), 1049.0);

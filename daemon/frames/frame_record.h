@@ -45,6 +45,7 @@ struct MapSnapshot {
     int id = -1;
     double size_m = 0.0;
     slam::Transform T_w_m;
+    slam::Matrix6d covariance = slam::Matrix6d::Zero();  // in the world; zero where not known
   };
 
   capture::FrameStamp stamp;  // of the frame after which the map was like this

@@ -105,7 +105,8 @@ void SlamLoop::handOnMap(const capture::FrameStamp& stamp) {
   snapshot.keyframe_count = static_cast<int>(map.keyframes().size());
   snapshot.markers.clear();
   for (const auto& [id, marker] : map.markers()) {
-    if (marker.T_w_m) snapshot.markers.push_back({id, marker.size_m, *marker.T_w_m});
+    if (!marker.T_w_m) continue;
+    snapshot.markers.push_back({id, marker.size_m, *marker.T_w_m, marker.world_covariance});
   }
   reportMapSize(snapshot.markers.size());
   output_.map.publish();

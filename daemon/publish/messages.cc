@@ -5,8 +5,8 @@
 namespace waymark::daemon {
 namespace {
 
-// 500 markers of 68 bytes: 34 kB, well below the 60 kB above which messages get lost in the field.
-constexpr int kMarkersPerPiece = 500;
+// 150 markers of 356 bytes: 53 kB, below the 60 kB above which messages get lost in the field.
+constexpr int kMarkersPerPiece = 150;
 
 std::int8_t status(slam::TrackingState state) {
   switch (state) {
@@ -151,6 +151,7 @@ void fillMapPiece(const MapSnapshot& map, const std::string& dictionary, std::in
     out.size = marker.size_m;
     put(marker.T_w_m.p, out.p_w_m);
     put(marker.T_w_m.quaternion(), out.q_w_m);
+    put(marker.covariance, out.covariance);
   }
 }
 

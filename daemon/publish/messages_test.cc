@@ -121,11 +121,13 @@ TEST(DetectionsMessage, CarriesEveryMarkerUpToTheLimitAndFits) {
 }
 
 TEST(MapMessage, LargeMapsComeInPiecesThatFitAndHoldEveryMarkerOnce) {
-  for (const int markers : {0, 1, 500, 501, 2345}) {
+  for (const int markers : {0, 1, 150, 151, 2345}) {
     MapSnapshot map;
     map.stamp.utime = 5;
     map.keyframe_count = 3;
-    for (int i = 0; i < markers; ++i) map.markers.push_back({i, 0.1, someTransform()});
+    slam::Matrix6d covariance = slam::Matrix6d::Zero();
+    covariance(1, 2) = 0.25;
+    for (int i = 0; i < markers; ++i) map.markers.push_back({i, 0.1, someTransform(), covariance});
 
     std::set<int> ids;
     map_t message{};
@@ -142,6 +144,7 @@ TEST(MapMessage, LargeMapsComeInPiecesThatFitAndHoldEveryMarkerOnce) {
       for (const marker_t& marker : message.markers) {
         EXPECT_TRUE(ids.insert(marker.id).second) << marker.id << " came twice";
         EXPECT_EQ(marker.p_w_m[2], someTransform().p.z());
+        EXPECT_EQ(marker.covariance[8], 0.25) << "row 1, column 2";
       }
     }
     EXPECT_EQ(static_cast<int>(ids.size()), markers);

@@ -203,7 +203,7 @@ TEST_F(PublisherTest, AMapThatStaysAsItIsIsSentAgain) {
 
 TEST_F(PublisherTest, AMapComesInPiecesOfOneRevision) {
   start();
-  giveMap(600);
+  giveMap(250);
   ASSERT_TRUE(comes([](const Received& r) { return r.maps.size() == 2; }));
   giveMap(1);
   ASSERT_TRUE(comes([](const Received& r) { return r.maps.size() == 3; }));
@@ -214,11 +214,11 @@ TEST_F(PublisherTest, AMapComesInPiecesOfOneRevision) {
     EXPECT_EQ(map.revision, 1);
     EXPECT_EQ(map.piece, piece);
     EXPECT_EQ(map.piece_count, 2);
-    EXPECT_EQ(map.marker_count, 600);
+    EXPECT_EQ(map.marker_count, 250);
     EXPECT_EQ(map.keyframe_count, 12);
     markers += map.count;
   }
-  EXPECT_EQ(markers, 600);
+  EXPECT_EQ(markers, 250);
   EXPECT_EQ(all.maps[2].revision, 2);
   EXPECT_EQ(all.maps[2].piece_count, 1);
 }

@@ -10,6 +10,7 @@
 #include <vector>
 
 #include <Eigen/Cholesky>
+#include <Eigen/Eigenvalues>
 
 #include "base/decimal_seconds.h"
 #include "io/settings/slam_settings.h"
@@ -27,6 +28,7 @@ using slam::MarkerState;
 
 constexpr std::string_view kFormat = "waymark-map";
 constexpr int kVersion = 1;
+constexpr const char* kGivenKeyframes = "covariance_given_keyframes";
 // There are more after the last of them.
 constexpr std::int64_t kLargestIndex = std::int64_t{1} << 62U;
 constexpr std::array<std::pair<std::string_view, MarkerState>, 4> kStates = {{
@@ -109,7 +111,12 @@ Json markerJson(const slam::MapMarker& marker, const std::string& dictionary) {
   }
   json["state"] = nameOf(marker.state);
   if (marker.other_T_w_m) json["other_T_w_m"] = toJson(*marker.other_T_w_m);
-  if (!marker.covariance.isZero(0.0)) json["covariance"] = covarianceJson(marker.covariance);
+  const bool in_world = !marker.world_covariance.isZero(0.0);
+  if (in_world) json["covariance"] = covarianceJson(marker.world_covariance);
+  // With the one in the world always: who reads "covariance" alone has an older file.
+  if (in_world || !marker.covariance.isZero(0.0)) {
+    json[kGivenKeyframes] = covarianceJson(marker.covariance);
+  }
   if (!marker.former_poses.empty()) {
     json["former_poses"] = Json::array();
     for (const slam::Transform& T : marker.former_poses) json["former_poses"].push_back(toJson(T));
@@ -219,6 +226,14 @@ slam::Matrix6d readCovariance(const JsonNode& node) {
   return covariance;
 }
 
+// Up to rounding, which a covariance of large and small variances may have a lot of.
+bool isSemidefinite(const slam::Matrix6d& covariance) {
+  constexpr double kRounding = 1e-6;
+  const Eigen::SelfAdjointEigenSolver<slam::Matrix6d> solver(covariance, Eigen::EigenvaluesOnly);
+  return solver.info() == Eigen::Success &&
+         solver.eigenvalues()[0] >= -kRounding * std::max(solver.eigenvalues()[5], 0.0);
+}
+
 // Corners are for other programs; two truths about one marker are rejected, though.
 void checkCorners(const JsonNode& node, const slam::MapMarker& marker) {
   constexpr double kRounding_m = 1e-6;
@@ -297,7 +312,7 @@ class MapReader {
                                   : "must not be \"mapped\" where there is no pose");
     }
     if (node.has("other_T_w_m")) marker.other_T_w_m = node.at("other_T_w_m").transform();
-    if (node.has("covariance")) marker.covariance = readCovariance(node.at("covariance"));
+    readCovariances(node, &marker);
     if (node.has("former_poses")) {
       for (const JsonNode& pose : node.at("former_poses").elements()) {
         marker.former_poses.push_back(pose.transform());
@@ -305,6 +320,22 @@ class MapReader {
     }
     if (node.good() && !map->putMarker(marker)) {
       node.at("other_T_w_m").fail("must not be there without a first pose");
+    }
+  }
+
+  // Until 0.1.0 "covariance" was what is now the one given the keyframes, and stood alone.
+  static void readCovariances(const JsonNode& node, slam::MapMarker* marker) {
+    const bool has_both = node.has(kGivenKeyframes);
+    if (has_both) marker->covariance = readCovariance(node.at(kGivenKeyframes));
+    if (!node.has("covariance")) return;
+    const slam::Matrix6d covariance = readCovariance(node.at("covariance"));
+    if (!has_both) {
+      marker->covariance = covariance;
+      return;
+    }
+    marker->world_covariance = covariance;
+    if (node.good() && !isSemidefinite(covariance)) {
+      node.at("covariance").fail("must not have a negative variance in any direction");
     }
   }
 

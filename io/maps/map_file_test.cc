@@ -33,6 +33,7 @@ slam::Map sampleMap() {
   }
   map.place(7, slam::Transform{}.retract(delta), slam::Transform{}.retract(2.0 * delta),
             covariance);
+  map.setWorldCovariance(7, 3.0 * covariance);
   map.addMarker(3, 0.2);
   map.place(3, slam::Transform{});
   map.ban(10);
@@ -142,6 +143,7 @@ TEST(MapFile, EverythingReadsBack) {
       EXPECT_EQ(back.other_T_w_m->p, marker.other_T_w_m->p);
     }
     EXPECT_EQ(back.covariance, marker.covariance);
+    EXPECT_EQ(back.world_covariance, marker.world_covariance);
     ASSERT_EQ(back.former_poses.size(), marker.former_poses.size());
     for (std::size_t i = 0; i < back.former_poses.size(); ++i) {
       EXPECT_EQ(back.former_poses[i].p, marker.former_poses[i].p);
@@ -166,6 +168,38 @@ TEST(MapFile, EverythingReadsBack) {
       EXPECT_EQ(back.detections[i].covariance, keyframe.detections[i].covariance);
     }
   }
+}
+
+// "covariance" is the one in the world, its upper triangle row by row.
+TEST(MapFile, CovariancesHaveTheirNames) {
+  const slam::Map map = sampleMap();
+  const nlohmann::json json = nlohmann::json::parse(sampleText());
+  const nlohmann::json& seven = json["markers"][1];
+  ASSERT_EQ(seven["covariance"].size(), 21U);
+  EXPECT_EQ(seven["covariance"][6], map.find(7)->world_covariance(1, 1));
+  EXPECT_EQ(seven["covariance_given_keyframes"][6], map.find(7)->covariance(1, 1));
+  EXPECT_FALSE(json["markers"][0].contains("covariance")) << "nobody knows it";
+
+  slam::Map exact = map;
+  exact.place(7, *map.find(7)->T_w_m);
+  exact.setWorldCovariance(7, map.find(7)->world_covariance);
+  const auto file = parseMap(formatMap(exact, kCamera), "m.json");
+  ASSERT_TRUE(file) << file.error().message;
+  EXPECT_EQ(file->map.find(7)->world_covariance, map.find(7)->world_covariance);
+  EXPECT_TRUE(file->map.find(7)->covariance.isZero(0.0));
+}
+
+// There it was the one given the keyframes.
+TEST(MapFile, AnOlderFileHasOneCovariance) {
+  const auto file = parseMap(edited([](auto& json) {
+                               auto& marker = json["markers"][1];
+                               marker["covariance"] = marker["covariance_given_keyframes"];
+                               marker.erase("covariance_given_keyframes");
+                             }),
+                             "m.json");
+  ASSERT_TRUE(file) << file.error().message;
+  EXPECT_EQ(file->map.find(7)->covariance, sampleMap().find(7)->covariance);
+  EXPECT_TRUE(file->map.find(7)->world_covariance.isZero(0.0));
 }
 
 TEST(MapFile, SavingWhatWasLoadedGivesTheSameBytes) {
@@ -326,6 +360,10 @@ TEST(MapFile, FaultsNameFilePlaceAndReason) {
        "unposed_markers[0].other_T_w_m: must not be there without a first pose"},
       {[](auto& j) { j["markers"][1]["covariance"].erase(0); }, "covariance: must be a list of"},
       {[](auto& j) { j["markers"][1]["covariance"][0] = -1; }, "must not have a negative vari"},
+      {[](auto& j) { j["markers"][1]["covariance"][1] = 1.0; },
+       "must not have a negative variance"},
+      {[](auto& j) { j["markers"][1]["covariance_given_keyframes"][0] = "a"; },
+       "covariance_given_keyframes[0]: must be a number"},
       {[](auto& j) { j["keyframes"][1]["index"] = 4; }, "keyframes[1].index: must be larger"},
       {[](auto& j) { j["keyframes"][0]["sequence"] = -1; }, "keyframes[0].sequence: must be"},
       {[](auto& j) { j["keyframes"][0]["time_ns"] = 1.5; }, "keyframes[0].time_ns: must be"},

@@ -19,22 +19,23 @@ MapCovariance::MapCovariance(const MarkerOptions& markers, const MapCovarianceOp
   }
 }
 
-void MapCovariance::work(double residual_sigma, Map* map) {
-  if (!options_.enabled) return;
+bool MapCovariance::work(double residual_sigma, Map* map) {
+  if (!options_.enabled) return false;
   if (recovery_ && epoch_ != map->epoch()) {
     recovery_.reset();  // of coordinates that are no more
     due_ = true;
   }
   if (!recovery_) {
-    if (!std::exchange(due_, false)) return;
+    if (!std::exchange(due_, false)) return false;
     epoch_ = map->epoch();
     recovery_.emplace(
         [&](Budget* budget) { return recoverMarginals(*map, markers_, residual_sigma, budget); });
   }
-  if (!recovery_->advance(options_.cost_per_frame)) return;
+  if (!recovery_->advance(options_.cost_per_frame)) return false;
   MapMarginals marginals = recovery_->take();
   recovery_.reset();
   adopt(std::move(marginals), map);
+  return true;
 }
 
 void MapCovariance::recover(double residual_sigma, Map* map) {

@@ -35,9 +35,9 @@ class MapCovariance {
 
   // Poses or views have changed: the marginals are due again.
   void noteChange() { due_ = true; }
-  // A slice of the recovery under way, or due; what is done goes into the map's markers.
-  // residual_sigma: of the map's whitened residuals.
-  void work(double residual_sigma, Map* map);
+  // A slice of the recovery under way, or due; what is done goes into the map's markers, and then
+  // it says so. residual_sigma: of the map's whitened residuals.
+  bool work(double residual_sigma, Map* map);
   // All of it at once.
   void recover(double residual_sigma, Map* map);
 

@@ -17,6 +17,25 @@ std::optional<LocatedFrame> RecordedFrameLocator::locate(const Map& map,
   return located;
 }
 
+std::optional<FrameOfOneMarker> RecordedFrameLocator::locateByOneMarker(
+    const Map& map, const RecordedFrame& frame, const SquarePoseOptions& square) const {
+  FrameOfOneMarker located;
+  located.detections = screening_.usable(frame.detections, camera_, map);
+  rolling_shutter_.deskew(camera_, map, frame.T_w_c, frame.twist, &located.detections);
+  located.known = knownMarkers(map, located.detections);
+  if (located.known.size() != 1) return std::nullopt;
+  const KnownMarker& marker = located.known.front();
+  const auto view = viewSingleMarker(marker, tracker_.focalLength(), square);
+  if (!view) return std::nullopt;
+  located.view = *view;
+  for (std::size_t i = 0; i < 2; ++i) {
+    auto solution = tracker_.optimizer().optimize(located.known, marker.T_w_m * view->T_m_c[i]);
+    if (!solution || !tracker_.optimizer().acceptable(*solution)) return std::nullopt;
+    located.solutions[i] = std::move(*solution);
+  }
+  return located;
+}
+
 void RecordedFrameLocator::densify(std::span<const RecordedFrame> frames, KeyframeId last_old,
                                    Map* map) const {
   std::map<std::int64_t, KeyframeId> in_map;  // by time

@@ -3,6 +3,7 @@
 // 1, section 4.10).
 #pragma once
 
+#include <array>
 #include <cstdint>
 #include <optional>
 #include <span>
@@ -14,6 +15,7 @@
 #include "slam/map/map.h"
 #include "slam/map/marker_options.h"
 #include "slam/marker_screening/marker_screening.h"
+#include "slam/tracking/single_marker_view.h"
 #include "slam/tracking/tracker.h"
 
 namespace waymark::slam {
@@ -33,6 +35,14 @@ struct LocatedFrame {
   PoseSolution solution;
 };
 
+// One in which the map knows one marker only: at both of its poses, in the order of `view`.
+struct FrameOfOneMarker {
+  std::vector<MarkerDetection> detections;  // as at the middle row's time
+  std::vector<KnownMarker> known;           // one, pointing into `detections`
+  SingleMarkerView view;
+  std::array<PoseSolution, 2> solutions;
+};
+
 // All that it is given must outlive it.
 class RecordedFrameLocator {
  public:
@@ -43,6 +53,10 @@ class RecordedFrameLocator {
   // Empty when too few of its markers are in the map, or they do not fit it.
   [[nodiscard]] std::optional<LocatedFrame> locate(const Map& map,
                                                    const RecordedFrame& frame) const;
+
+  // Empty when the map knows none of its markers, or several, or the corners give no pose.
+  [[nodiscard]] std::optional<FrameOfOneMarker> locateByOneMarker(
+      const Map& map, const RecordedFrame& frame, const SquarePoseOptions& square) const;
 
   // Makes keyframes of frames that are none, and gives those that are the markers that fit by now.
   // Keyframes up to last_old (-1: none) are another run's, with another clock, and stay as they

@@ -4,16 +4,20 @@
 #include <cmath>
 #include <utility>
 
+#include "slam/tracking/single_marker_view.h"
+
 namespace waymark::slam {
 
+namespace {
+
+PoseOfTwo poseOfTwo(const SingleMarkerVerdict& verdict) {
+  return {verdict.T_w_c, verdict.other_T_w_c, verdict.log_odds, verdict.barrier, verdict.decided};
+}
+
+}  // namespace
+
 Matrix6d coverOfOtherPose(const TrackedFrame& frame) {
-  if (!frame.single) return Matrix6d::Zero();
-  const SingleMarkerVerdict& verdict = *frame.single;
-  const Vector6d apart = verdict.T_w_c.localCoordinates(verdict.other_T_w_c);
-  // A parabola through the pose and the barrier: sigma^2 of half the way, over the barrier.
-  const double secant = 0.25 / std::max(verdict.barrier, 1.0);
-  const double share = verdict.decided ? 0.0 : 1.0 / (1.0 + std::exp(verdict.log_odds));
-  return (secant + share) * apart * apart.transpose();
+  return frame.single ? coverOfOtherPose(poseOfTwo(*frame.single)) : Matrix6d::Zero();
 }
 
 FrameMarkers FrameTracker::split(const Map& map, std::span<const MarkerDetection> usable,
@@ -105,14 +109,9 @@ PoseEstimate FrameTracker::estimateOf(const TrackedFrame& frame) const {
   const Matrix6d cover = coverOfOtherPose(frame);
   estimate.covariance += cover;
   estimate.view_covariance += cover;
-  if (isCertain(frame)) {
-    estimate.ambiguity_ratio =
-        std::max(estimate.ambiguity_ratio, options_.relocalization.ambiguity_ratio);
-  } else {
-    const double share = frame.single->log_odds / options_.single_marker.min_log_odds;
-    estimate.ambiguity_ratio = std::min(
-        estimate.ambiguity_ratio, 1.0 + share * (options_.relocalization.ambiguity_ratio - 1.0));
-  }
+  estimate.ambiguity_ratio =
+      ambiguityOf(poseOfTwo(*frame.single), estimate.ambiguity_ratio,
+                  options_.relocalization.ambiguity_ratio, options_.single_marker.min_log_odds);
   return estimate;
 }
 

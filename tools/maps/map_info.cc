@@ -1,6 +1,9 @@
 #include "tools/maps/map_info.h"
 
+#include <algorithm>
 #include <cmath>
+#include <numbers>
+#include <vector>
 
 #include <Eigen/Geometry>
 
@@ -107,6 +110,30 @@ std::string cameraText(const std::optional<slam::Calibration>& camera) {
          (camera->model == slam::DistortionModel::kEquidistant ? ", equidistant\n" : "\n");
 }
 
+// Largest standard deviations in the world, of position and orientation; empty where not known.
+std::string sigmaText(const slam::MapMarker& marker) {
+  if (marker.world_covariance.isZero(0.0)) return {};
+  const slam::Vector6d variances = marker.world_covariance.diagonal();
+  const double position_m = std::sqrt(variances.head<3>().maxCoeff());
+  const double rotation_rad = std::sqrt(variances.tail<3>().maxCoeff());
+  return "  sigma " + io::fixed(1e3 * position_m, 2) + " mm " +
+         io::fixed(rotation_rad * 180.0 / std::numbers::pi, 3) + " deg";
+}
+
+// Of the position in the world: the median marker's, and the worst.
+std::string uncertaintyText(const slam::Map& map) {
+  std::vector<double> sigmas_m;
+  for (const auto& [id, marker] : map.markers()) {
+    if (!marker.T_w_m || marker.world_covariance.isZero(0.0)) continue;
+    sigmas_m.push_back(std::sqrt(marker.world_covariance.diagonal().head<3>().maxCoeff()));
+  }
+  if (sigmas_m.empty()) return {};
+  std::ranges::sort(sigmas_m);
+  return "sigma       of " + std::to_string(sigmas_m.size()) + " markers in the world: median " +
+         io::fixed(1e3 * sigmas_m[sigmas_m.size() / 2], 2) + " mm, worst " +
+         io::fixed(1e3 * sigmas_m.back(), 2) + " mm\n";
+}
+
 std::string markerText(const slam::MapMarker& marker, std::size_t views,
                        const ReprojectionFit& fit) {
   std::string text = "  " + std::to_string(marker.id) + "  " + stateText(marker.state) + "  " +
@@ -116,6 +143,7 @@ std::string markerText(const slam::MapMarker& marker, std::size_t views,
     text += "  p " + pointText(marker.T_w_m->p) + "  q " + io::fixed(q.w(), 4) + " " +
             io::fixed(q.x(), 4) + " " + io::fixed(q.y(), 4) + " " + io::fixed(q.z(), 4);
   }
+  text += sigmaText(marker);
   text += "  " + std::to_string(views) + " views";
   if (fit.corners > 0) text += "  " + io::fixed(fit.rms_px, 3) + " px";
   if (marker.other_T_w_m) text += "  ambiguous";
@@ -147,7 +175,7 @@ std::string mapInfo(const io::MapFile& file, bool with_markers) {
   std::string text = "dictionary  " + map.dictionary + "\n";
   text += "markers     " + std::to_string(map.markers().size()) + ": " + statesText(map) + "\n";
   if (!map.markers().empty()) text += "sizes       " + sizesText(map) + "\n";
-  text += extentText(map) + keyframesText(map);
+  text += extentText(map) + uncertaintyText(map) + keyframesText(map);
   if (const ReprojectionFit fit = reprojectionFit(file); fit.corners > 0) {
     text += "fit         " + io::fixed(fit.rms_px, 3) + " px rms over " +
             std::to_string(fit.corners) + " corners\n";

@@ -25,6 +25,9 @@ TEST(MapInfo, OfASmallMap) {
     keyframe.detections.push_back(
         *slam::testing::observe(camera, keyframe.T_w_c, id, T_w_m, 0.2, 0.0, &rng));
   }
+  slam::Matrix6d covariance = slam::Matrix6d::Zero();
+  covariance.diagonal() << 1e-6, 4e-6, 1e-6, 1e-6, 1e-6, 9e-6;
+  file.map.setWorldCovariance(7, covariance);
   file.map.addMarker(9, 0.1);
   file.map.ban(9);
   // One marker's pixels are off by (3, 4), the other's are exact.
@@ -43,7 +46,9 @@ TEST(MapInfo, OfASmallMap) {
         "extent      2.200 0.000 0.200 m, from -1.100 2.000 -0.100 to 1.100 2.000 0.100\n",
         "keyframes   1, 2 views of markers\n", "fit         3.536 px rms over 8 corners\n",
         "camera      640x480, fx 520.00 fy 521.00 cx 318.00 cy 242.00\n", "checksum    right\n",
-        "  7  mapped  0.2 m  p 1.000 2.000 0.000  q ", " 1 views  5.000 px\n",
+        "  7  mapped  0.2 m  p 1.000 2.000 0.000  q ",
+        "  sigma 2.00 mm 0.172 deg  1 views  5.000 px\n",
+        "sigma       of 1 markers in the world: median 2.00 mm, worst 2.00 mm\n",
         "  9  refused  0.1 m  0 views\n"}) {
     EXPECT_NE(text.find(line), std::string::npos) << text << "\nhas not: " << line;
   }

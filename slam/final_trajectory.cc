@@ -1,0 +1,137 @@
+#include "slam/final_trajectory.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
+#include <utility>
+
+#include "slam/slam.h"
+#include "slam/tracking/single_marker_view.h"
+
+namespace waymark::slam {
+namespace {
+
+RecordedFrame recorded(std::span<const LiveFrame> frames, std::size_t i, const Transform& guess) {
+  const LiveFrame& frame = frames[i];
+  return {i, frame.monotonic_ns, frame.detections, guess,
+          frame.pose ? frame.pose->twist : Vector6d::Zero()};
+}
+
+// Each frame for itself, near where it was live. One that was lost starts from its neighbour: first
+// the one before, then, for the frames in front of the first pose, the one after.
+std::vector<std::optional<PoseEstimate>> localizeEach(std::span<const LiveFrame> frames,
+                                                      const Slam& slam) {
+  std::vector<std::optional<PoseEstimate>> poses(frames.size());
+  std::optional<Transform> neighbour;
+  const auto localize = [&](std::size_t i) {
+    if (!poses[i]) {
+      const auto& live = frames[i].pose;
+      const std::optional<Transform> guess = live ? live->T_w_c : neighbour;
+      if (!guess) return;
+      poses[i] = slam.localize(recorded(frames, i, *guess));
+    }
+    if (poses[i]) neighbour = poses[i]->T_w_c;
+  };
+  for (std::size_t i = 0; i < frames.size(); ++i) localize(i);
+  neighbour.reset();
+  for (std::size_t i = frames.size(); i-- > 0;) localize(i);
+  return poses;
+}
+
+NoPoseReason reasonFor(const LiveFrame& frame, const Map& map) {
+  if (frame.detections.empty()) return NoPoseReason::kNoMarker;
+  const auto known = std::ranges::count_if(frame.detections, [&](const MarkerDetection& seen) {
+    return map.findPosed(seen.id) != nullptr;
+  });
+  if (known == 0) return NoPoseReason::kNoKnownMarker;
+  return known == 1 ? NoPoseReason::kAmbiguousMarker : NoPoseReason::kMarkersDoNotFit;
+}
+
+// What each frame says to the sequence, and the two poses of those with a single marker.
+struct Sequence {
+  std::vector<SequenceFrame> frames;
+  std::vector<std::optional<PosesOfOneMarker>> of_one;
+};
+
+Sequence sequenceOf(std::span<const LiveFrame> frames,
+                    std::span<const std::optional<PoseEstimate>> poses, const Slam& slam) {
+  Sequence sequence{std::vector<SequenceFrame>(frames.size()),
+                    std::vector<std::optional<PosesOfOneMarker>>(frames.size())};
+  for (std::size_t i = 0; i < frames.size(); ++i) {
+    SequenceFrame& out = sequence.frames[i];
+    out.time_ns = frames[i].monotonic_ns;
+    if (!poses[i] && !frames[i].pose) {
+      // Nothing was near; a single marker says no more than where it is.
+      sequence.of_one[i] = slam.localizeByOneMarker(recorded(frames, i, Transform{}));
+    } else {
+      const Transform& guess = frames[i].pose ? frames[i].pose->T_w_c : poses[i]->T_w_c;
+      sequence.of_one[i] = slam.localizeByOneMarker(recorded(frames, i, guess));
+    }
+    if (const auto& both = sequence.of_one[i]) {
+      out.poses = 2;
+      out.marker = both->marker;
+      for (std::size_t k = 0; k < 2; ++k) {
+        out.T_w_c[k] = both->poses[k].T_w_c;
+        out.covariance[k] = both->poses[k].view_covariance;
+      }
+      out.log_odds = both->log_odds;
+      out.barrier = both->barrier;
+    } else if (poses[i] && poses[i]->markers_used > 1) {
+      out.poses = 1;
+      out.T_w_c[0] = poses[i]->T_w_c;
+      out.covariance[0] = poses[i]->view_covariance;
+    }
+  }
+  return sequence;
+}
+
+// near: what the frame for itself would have, where there is such a pose.
+std::optional<PoseEstimate> poseOfOneMarker(const PosesOfOneMarker& both, double log_odds_of_first,
+                                            const std::optional<PoseEstimate>& near,
+                                            const SingleMarkerSequenceOptions& options) {
+  const bool two = both.barrier >= options.min_barrier;
+  const double log_odds = std::abs(log_odds_of_first);
+  if (two && log_odds < options.min_pose_log_odds) return std::nullopt;
+  if (!two && !near) return std::nullopt;
+  std::size_t better = log_odds_of_first >= 0.0 ? 0 : 1;
+  if (!two) {
+    const auto turn = [&](std::size_t k) {
+      return rotationDistance(both.poses[k].T_w_c.R, near->T_w_c.R);
+    };
+    better = turn(0) <= turn(1) ? 0 : 1;
+  }
+  PoseEstimate pose = two ? both.poses[better] : *near;
+  const PoseOfTwo of_two{pose.T_w_c, both.poses[1 - better].T_w_c, log_odds, both.barrier,
+                         two && log_odds >= options.min_log_odds};
+  const Matrix6d cover = coverOfOtherPose(of_two);
+  pose.covariance += cover;
+  pose.view_covariance += cover;
+  pose.ambiguity_ratio =
+      ambiguityOf(of_two, pose.ambiguity_ratio, options.decided_ratio, options.min_log_odds);
+  return pose;
+}
+
+}  // namespace
+
+std::vector<FinalPose> localizeAll(std::span<const LiveFrame> frames,
+                                   const FinalTrajectoryOptions& options, const Slam& slam) {
+  auto poses = localizeEach(frames, slam);
+  // Without any there is no map, or the frames are not of it.
+  const bool any = std::ranges::any_of(poses, [](const auto& pose) { return pose.has_value(); });
+  if (any && !options.unordered_images) {
+    const Sequence sequence = sequenceOf(frames, poses, slam);
+    const auto log_odds = logOddsOfFirst(sequence.frames, options.single_marker);
+    for (std::size_t i = 0; i < frames.size(); ++i) {
+      if (!sequence.of_one[i]) continue;
+      poses[i] = poseOfOneMarker(*sequence.of_one[i], log_odds[i], poses[i], options.single_marker);
+    }
+  }
+  std::vector<FinalPose> all(frames.size());
+  for (std::size_t i = 0; i < frames.size(); ++i) {
+    if (!poses[i]) all[i].reason = reasonFor(frames[i], slam.map());
+    all[i].pose = std::move(poses[i]);
+  }
+  return all;
+}
+
+}  // namespace waymark::slam

@@ -1,0 +1,152 @@
+#include "slam/final_trajectory.h"
+
+#include <algorithm>
+#include <cmath>
+#include <random>
+#include <vector>
+
+#include <gtest/gtest.h>
+
+#include "slam/slam.h"
+#include "slam/testing/synthetic.h"
+
+namespace waymark::slam {
+namespace {
+
+// A map of two markers on a wall, and a camera that comes nearer to the first from the side. Alone
+// and from far it is some 15 pixels wide.
+class FinalTrajectoryTest : public ::testing::Test {
+ protected:
+  static constexpr double kSide_m = 0.12;
+  static constexpr int kCount = 90;
+
+  FinalTrajectoryTest() {
+    options_.markers.size_m = kSide_m;
+    options_.mapping = false;
+    for (const testing::SyntheticMarker& marker : markers_) {
+      map_.addMarker(marker.id, kSide_m);
+      map_.place(marker.id, marker.T_w_m);
+    }
+  }
+
+  [[nodiscard]] static Transform eyeAt(int i) {
+    const double distance_m = 4.0 - 0.01 * i;
+    const double tilt_rad = 0.4 + 0.001 * i;
+    return testing::lookAt({distance_m * std::sin(tilt_rad), -distance_m * std::cos(tilt_rad), 0.1},
+                           Eigen::Vector3d::Zero());
+  }
+  // Both markers in the frames from `from` up to `to`, else the first alone.
+  std::vector<LiveFrame> approach(int from, int to, Slam* slam) {
+    std::vector<LiveFrame> frames;
+    for (int i = 0; i < kCount; ++i) {
+      auto seen = testing::observeAll(camera_, eyeAt(i), markers_, kSide_m, 0.1, &rng_);
+      if (i < from || i >= to) std::erase_if(seen, [](const auto& d) { return d.id == 2; });
+      const FrameTime time{static_cast<std::uint64_t>(i), i * 33'333'333LL};
+      auto result = slam->process({.time = time, .detections = seen});
+      frames.push_back({time.monotonic_ns, std::move(result.pose), std::move(seen)});
+    }
+    return frames;
+  }
+  [[nodiscard]] Slam makeSlam() const {
+    return Slam(camera_, *Dictionary::byName("4X4_50"), options_, map_);
+  }
+  [[nodiscard]] static bool isNear(const Transform& T_w_c, int i) {
+    return rotationDistance(T_w_c.R, eyeAt(i).R) < 0.2;
+  }
+
+  std::mt19937 rng_{23};
+  CameraModel camera_{testing::testCalibration()};
+  std::vector<testing::SyntheticMarker> markers_ = {
+      {1, testing::markerFacing(Eigen::Vector3d::Zero(), {0.0, -1.0, 0.0})},
+      {2, testing::markerFacing({0.6, 0.0, 0.0}, {0.6, -1.0, 0.2})}};
+  Options options_;
+  Map map_;
+};
+
+// The live pose had to wait until the second marker came; at the end it decides for the frames
+// before.
+TEST_F(FinalTrajectoryTest, FramesBeforeAreDecidedByThoseAfter) {
+  Slam slam = makeSlam();
+  const auto frames = approach(20, 40, &slam);
+  const auto live = std::ranges::count_if(frames, [](const LiveFrame& frame) {
+    return frame.pose && frame.pose->ambiguity_ratio >= 3.0;
+  });
+  const auto all = localizeAll(frames, {}, slam);
+  ASSERT_EQ(all.size(), frames.size());
+  int decided = 0;
+  for (int i = 0; i < kCount; ++i) {
+    const auto& pose = all[static_cast<std::size_t>(i)].pose;
+    if (!pose || pose->ambiguity_ratio < 3.0) continue;
+    ++decided;
+    EXPECT_TRUE(isNear(pose->T_w_c, i)) << i;
+  }
+  EXPECT_GT(decided, live);
+  EXPECT_GT(decided, 80);
+}
+
+// Frames with several markers have the very pose they have alone.
+TEST_F(FinalTrajectoryTest, FramesOfSeveralMarkersAreLeftAlone) {
+  Slam slam = makeSlam();
+  const auto frames = approach(10, 80, &slam);
+  const auto all = localizeAll(frames, {}, slam);
+  for (std::size_t i = 10; i < 80; ++i) {
+    ASSERT_TRUE(all[i].pose && frames[i].pose) << i;
+    const auto alone = slam.localize({i, frames[i].monotonic_ns, frames[i].detections,
+                                      frames[i].pose->T_w_c, frames[i].pose->twist});
+    ASSERT_TRUE(alone);
+    EXPECT_EQ(all[i].pose->T_w_c.p, alone->T_w_c.p);
+    EXPECT_EQ(all[i].pose->T_w_c.R, alone->T_w_c.R);
+    EXPECT_EQ(all[i].pose->covariance, alone->covariance);
+  }
+}
+
+// Frame by frame, images in no order.
+TEST_F(FinalTrajectoryTest, InNoOrderNeighboursSayNothing) {
+  Slam slam = makeSlam();
+  const auto frames = approach(20, 40, &slam);
+  const auto all = localizeAll(frames, {.unordered_images = true}, slam);
+  for (std::size_t i = 50; i < 60; ++i) {
+    ASSERT_TRUE(frames[i].pose) << i;
+    const auto alone = slam.localize({i, frames[i].monotonic_ns, frames[i].detections,
+                                      frames[i].pose->T_w_c, frames[i].pose->twist});
+    ASSERT_EQ(all[i].pose.has_value(), alone.has_value());
+    if (alone) EXPECT_EQ(all[i].pose->ambiguity_ratio, alone->ambiguity_ratio);
+  }
+}
+
+TEST_F(FinalTrajectoryTest, WhatIsUndecidedSaysSo) {
+  Slam slam = makeSlam();
+  auto frames = approach(0, 0, &slam);
+  // The last second alone, as if it had been posed: too little for a decision.
+  frames.resize(5);
+  for (int i = 0; i < 5; ++i) {
+    frames[static_cast<std::size_t>(i)].pose.emplace();
+    frames[static_cast<std::size_t>(i)].pose->T_w_c = eyeAt(i);
+  }
+  const auto all = localizeAll(frames, {}, slam);
+  for (int i = 0; i < 5; ++i) {
+    const FinalPose& frame = all[static_cast<std::size_t>(i)];
+    if (!frame.pose) {
+      EXPECT_EQ(frame.reason, NoPoseReason::kAmbiguousMarker);
+      continue;
+    }
+    EXPECT_LT(frame.pose->ambiguity_ratio, 3.0);
+    const Vector6d error = frame.pose->T_w_c.localCoordinates(eyeAt(i));
+    EXPECT_LT(error.dot(frame.pose->covariance.ldlt().solve(error)), 30.0);
+  }
+}
+
+TEST_F(FinalTrajectoryTest, FramesWithoutAPoseSayWhy) {
+  Slam slam = makeSlam();
+  auto frames = approach(0, kCount, &slam);
+  frames[30].detections.clear();
+  for (MarkerDetection& seen : frames[31].detections) seen.id += 10;
+  const auto all = localizeAll(frames, {}, slam);
+  EXPECT_EQ(all[29].reason, NoPoseReason::kNone);
+  EXPECT_EQ(all[30].reason, NoPoseReason::kNoMarker);
+  EXPECT_EQ(all[31].reason, NoPoseReason::kNoKnownMarker);
+  EXPECT_TRUE(localizeAll({}, {}, slam).empty());
+}
+
+}  // namespace
+}  // namespace waymark::slam
