@@ -12,7 +12,7 @@ namespace {
 constexpr int kChunk = 16;  // rows that are worked on together
 
 // Four numbers side by side; the compiler makes of it what the processor has.
-using Four = double __attribute__((vector_size(32), aligned(8), may_alias));
+using FourDoubles = double __attribute__((vector_size(32), aligned(8), may_alias));
 
 int roundedUp(int count) { return (count + kChunk - 1) / kChunk * kChunk; }
 
@@ -23,23 +23,23 @@ WAYMARK_VECTORIZED void solveChunk(double* w, const double* L, const double* inv
   for (int j = first; j < last; ++j) {
     double* const column = w + static_cast<std::ptrdiff_t>(j) * kChunk;
     const double* const row = L + static_cast<std::ptrdiff_t>(j) * stride;
-    Four a0 = *reinterpret_cast<const Four*>(column);
-    Four a1 = *reinterpret_cast<const Four*>(column + 4);
-    Four a2 = *reinterpret_cast<const Four*>(column + 8);
-    Four a3 = *reinterpret_cast<const Four*>(column + 12);
+    FourDoubles a0 = *reinterpret_cast<const FourDoubles*>(column);
+    FourDoubles a1 = *reinterpret_cast<const FourDoubles*>(column + 4);
+    FourDoubles a2 = *reinterpret_cast<const FourDoubles*>(column + 8);
+    FourDoubles a3 = *reinterpret_cast<const FourDoubles*>(column + 12);
     const double* before = w;
     for (int k = 0; k < j; ++k, before += kChunk) {
       const double l = row[k];
-      a0 -= *reinterpret_cast<const Four*>(before) * l;
-      a1 -= *reinterpret_cast<const Four*>(before + 4) * l;
-      a2 -= *reinterpret_cast<const Four*>(before + 8) * l;
-      a3 -= *reinterpret_cast<const Four*>(before + 12) * l;
+      a0 -= *reinterpret_cast<const FourDoubles*>(before) * l;
+      a1 -= *reinterpret_cast<const FourDoubles*>(before + 4) * l;
+      a2 -= *reinterpret_cast<const FourDoubles*>(before + 8) * l;
+      a3 -= *reinterpret_cast<const FourDoubles*>(before + 12) * l;
     }
     const double scale = inverse[j];
-    *reinterpret_cast<Four*>(column) = a0 * scale;
-    *reinterpret_cast<Four*>(column + 4) = a1 * scale;
-    *reinterpret_cast<Four*>(column + 8) = a2 * scale;
-    *reinterpret_cast<Four*>(column + 12) = a3 * scale;
+    *reinterpret_cast<FourDoubles*>(column) = a0 * scale;
+    *reinterpret_cast<FourDoubles*>(column + 4) = a1 * scale;
+    *reinterpret_cast<FourDoubles*>(column + 8) = a2 * scale;
+    *reinterpret_cast<FourDoubles*>(column + 12) = a3 * scale;
   }
 }
 
@@ -52,19 +52,19 @@ WAYMARK_VECTORIZED void subtractTile(const double* wi, const double* wj, int m, 
       double* const p1 = p0 + stride;
       double* const p2 = p1 + stride;
       double* const p3 = p2 + stride;
-      Four a0 = *reinterpret_cast<const Four*>(p0);
-      Four b0 = *reinterpret_cast<const Four*>(p0 + 4);
-      Four a1 = *reinterpret_cast<const Four*>(p1);
-      Four b1 = *reinterpret_cast<const Four*>(p1 + 4);
-      Four a2 = *reinterpret_cast<const Four*>(p2);
-      Four b2 = *reinterpret_cast<const Four*>(p2 + 4);
-      Four a3 = *reinterpret_cast<const Four*>(p3);
-      Four b3 = *reinterpret_cast<const Four*>(p3 + 4);
+      FourDoubles a0 = *reinterpret_cast<const FourDoubles*>(p0);
+      FourDoubles b0 = *reinterpret_cast<const FourDoubles*>(p0 + 4);
+      FourDoubles a1 = *reinterpret_cast<const FourDoubles*>(p1);
+      FourDoubles b1 = *reinterpret_cast<const FourDoubles*>(p1 + 4);
+      FourDoubles a2 = *reinterpret_cast<const FourDoubles*>(p2);
+      FourDoubles b2 = *reinterpret_cast<const FourDoubles*>(p2 + 4);
+      FourDoubles a3 = *reinterpret_cast<const FourDoubles*>(p3);
+      FourDoubles b3 = *reinterpret_cast<const FourDoubles*>(p3 + 4);
       const double* u = wi + r;
       const double* v = wj + c;
       for (int k = 0; k < m; ++k, u += kChunk, v += kChunk) {
-        const Four x = *reinterpret_cast<const Four*>(u);
-        const Four y = *reinterpret_cast<const Four*>(u + 4);
+        const FourDoubles x = *reinterpret_cast<const FourDoubles*>(u);
+        const FourDoubles y = *reinterpret_cast<const FourDoubles*>(u + 4);
         a0 -= x * v[0];
         b0 -= y * v[0];
         a1 -= x * v[1];
@@ -74,14 +74,14 @@ WAYMARK_VECTORIZED void subtractTile(const double* wi, const double* wj, int m, 
         a3 -= x * v[3];
         b3 -= y * v[3];
       }
-      *reinterpret_cast<Four*>(p0) = a0;
-      *reinterpret_cast<Four*>(p0 + 4) = b0;
-      *reinterpret_cast<Four*>(p1) = a1;
-      *reinterpret_cast<Four*>(p1 + 4) = b1;
-      *reinterpret_cast<Four*>(p2) = a2;
-      *reinterpret_cast<Four*>(p2 + 4) = b2;
-      *reinterpret_cast<Four*>(p3) = a3;
-      *reinterpret_cast<Four*>(p3 + 4) = b3;
+      *reinterpret_cast<FourDoubles*>(p0) = a0;
+      *reinterpret_cast<FourDoubles*>(p0 + 4) = b0;
+      *reinterpret_cast<FourDoubles*>(p1) = a1;
+      *reinterpret_cast<FourDoubles*>(p1 + 4) = b1;
+      *reinterpret_cast<FourDoubles*>(p2) = a2;
+      *reinterpret_cast<FourDoubles*>(p2 + 4) = b2;
+      *reinterpret_cast<FourDoubles*>(p3) = a3;
+      *reinterpret_cast<FourDoubles*>(p3 + 4) = b3;
     }
   }
 }

@@ -24,14 +24,14 @@ using Eight = float __attribute__((vector_size(32), aligned(4), may_alias));
 using EightBytes = std::uint8_t __attribute__((vector_size(8), aligned(1), may_alias));
 
 // Sums over a patch of the image, its grey levels less `mean`.
-struct Sums {
+struct PatchSums {
   float value, squares, with_value, with_dx, with_dy;
 };
 
 // corner: the pixel up and left of the patch's first sample, which is (fx, fy) beyond it.
 WAYMARK_VECTORIZED void sumsAt(const std::uint8_t* corner, std::ptrdiff_t stride, float fx,
                                float fy, float mean, const float* value, const float* dx,
-                               const float* dy, Sums* out) {
+                               const float* dy, PatchSums* out) {
   Eight sum = {};
   Eight squares = {};
   Eight with_value = {};
@@ -68,7 +68,7 @@ WAYMARK_VECTORIZED void sumsAt(const std::uint8_t* corner, std::ptrdiff_t stride
 
 // The same for whole pixels and without gradients.
 WAYMARK_VECTORIZED void sumsAtWhole(const std::uint8_t* first, std::ptrdiff_t stride, float mean,
-                                    const float* value, Sums* out) {
+                                    const float* value, PatchSums* out) {
   Eight sum = {};
   Eight squares = {};
   Eight with_value = {};
@@ -209,7 +209,7 @@ std::optional<PatchMatch> alignPatch(const ImageView& image, const PatchTemplate
     }
     const int x = static_cast<int>(left);
     const int y = static_cast<int>(top);
-    Sums sums{};
+    PatchSums sums{};
     sumsAt(image.row(y) + x, image.stride, static_cast<float>(left - x),
            static_cast<float>(top - y), patch.mean, patch.value.data(), patch.dx.data(),
            patch.dy.data(), &sums);
@@ -260,7 +260,7 @@ std::optional<Eigen::Vector2d> searchPatch(const ImageView& image, const PatchTe
       const Eigen::Vector2d d = place - centre;
       // A step beyond the ellipse's edge may be the nearest one to a place inside.
       if (d.dot(information * d) > 1.0 && d.cwiseAbs().maxCoeff() > 1.0) continue;
-      Sums sums{};
+      PatchSums sums{};
       sumsAtWhole(image.row(y - kBefore) + x - kBefore, image.stride, patch.mean,
                   patch.value.data(), &sums);
       const double variation =

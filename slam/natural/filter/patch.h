@@ -23,7 +23,8 @@ struct PatchOptions {
   // What the fit does not show of a match's error, pixels of its level: interpolation ...
   double systematic_px = 0.05;
   // ... and a surface that lies otherwise than thought, for each unit by which the patch is
-  // stretched or shrunk against the anchor's image.
+  // stretched or shrunk against the anchor's image. Measured on a rendered wall: matches are off by
+  // 0.2 px at first and by 0.7 px when they have been stretched for long, whatever their fits say.
   double systematic_per_stretch_px = 0.5;
   // Correlation of the patch with what is found, 1 for the same but for gain and offset. Smaller
   // believes what looks otherwise, larger loses features in blur and at other angles.

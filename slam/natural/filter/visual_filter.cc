@@ -32,7 +32,7 @@ Eigen::Vector2d fromLevel(const Eigen::Vector2d& at, int level) {
   return scale * at + 0.5 * (scale - 1.0) * Eigen::Vector2d::Ones();
 }
 
-double largestSigma(const Eigen::Matrix2d& C) {
+double longestSigma(const Eigen::Matrix2d& C) {
   const double half = 0.5 * (C(0, 0) - C(1, 1));
   return std::sqrt(0.5 * C.trace() + std::sqrt(half * half + C(0, 1) * C(0, 1)));
 }
@@ -178,7 +178,7 @@ std::optional<FeatureMatch> VisualFilter::find(const Candidate& candidate) const
   // it is small.
   constexpr double kIterationsReach_px = 2.0;
   constexpr double kLargestSearch_px = 8.0;
-  const double sigma_px = largestSigma(candidate.expected.covariance);
+  const double sigma_px = longestSigma(candidate.expected.covariance);
   const double reach_px =
       std::min(options_.features.search_sigmas * sigma_px, options_.features.max_search_px);
   int level = 1;
@@ -386,7 +386,7 @@ bool VisualFilter::addFeature(const CameraModel& camera, int anchor, const Eigen
   PatchTemplate patch;
   if (!warpPatch(source, Eigen::Matrix2d::Identity(), 0, &patch)) return false;
   const Eigen::Matrix2d C = patch.covariance(options_.patches.image_noise);
-  if (!(largestSigma(C) <= max_sigma_px)) return false;
+  if (!(longestSigma(C) <= max_sigma_px)) return false;
   Eigen::Matrix2d D;
   (void)camera.distort(*uv, &D);
   const Eigen::Matrix2d uv_from_pixel = D.inverse();
