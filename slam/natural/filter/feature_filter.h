@@ -1,0 +1,201 @@
+// The filter without images: an extended Kalman filter over FilterState, told what was seen of its
+// points.
+#pragma once
+
+#include <cstdint>
+#include <optional>
+#include <span>
+#include <string>
+#include <vector>
+
+#include <Eigen/Core>
+
+#include "slam/camera_pose/known_marker.h"
+#include "slam/geometry/camera_model.h"
+#include "slam/natural/filter/filter_state.h"
+#include "slam/natural/filter/kalman_update.h"
+#include "slam/natural/filter/point_view.h"
+
+namespace waymark::slam {
+
+struct FeatureFilterOptions {
+  // Features at a time. Their number squared is the time of an update: with 60 a whole frame takes
+  // 1.3 to 1.5 ms of a slow core; the drift falls with its root.
+  int max_features = 60;
+  // Cameras that features were first seen from. More: fewer features at a time for each of them,
+  // and so new ones sooner.
+  int max_anchors = 12;
+  // Fiducial markers in the state at a time; those beyond are not looked at.
+  int max_markers = 6;
+  // Cameras of frames that others are still looking at (markPast()): the ring of past states.
+  int max_past = 4;
+  // Squared Mahalanobis distance of a match, two dimensions: 99 % are within 9.21. Smaller loses
+  // good ones, larger believes wrong ones.
+  double match_chi2 = 9.21;
+  // The same of a fiducial marker's four corners, eight dimensions: 99.9 %.
+  double marker_chi2 = 26.1;
+  // ... and of an absolute pose, six dimensions: 99.9 %.
+  double pose_chi2 = 22.5;
+  // Matches that are tried as the one that is right. Half of them wrong, 20 miss once in a million.
+  int hypotheses = 20;
+  // A match's relinearisations where it is far from what was expected. More follow stronger jerks.
+  int max_iterations = 3;
+  // A fiducial marker that has not been seen for so long is forgotten, seconds; seen again it is as
+  // the map has it then.
+  double marker_memory_s = 1.0;
+  // Share of the match noise's own estimate that a frame replaces. Larger follows changing images
+  // faster, smaller is steadier.
+  double noise_adaption = 0.02;
+  // Matches are never taken for worse than so many times what they say of themselves.
+  double max_noise_scale = 4.0;
+  MotionNoiseOptions motion;
+
+  // Empty when usable, else what is wrong.
+  [[nodiscard]] std::string invalidReason() const;
+};
+
+// A feature found in an image.
+struct FeatureMatch {
+  int feature = -1;
+  Eigen::Vector2d pixel = Eigen::Vector2d::Zero();
+  Eigen::Matrix2d covariance = Eigen::Matrix2d::Zero();  // pixels^2
+  // Compared with what is expected, but not believed yet: a point that moves gives itself away
+  // once it has gone further than a depth could explain, and has moved nothing until then.
+  bool on_trial = false;
+};
+
+struct ExpectedFeature {
+  Eigen::Vector2d pixel = Eigen::Vector2d::Zero();
+  // What the state leaves open of it, without a measurement's own noise, pixels^2.
+  Eigen::Matrix2d covariance = Eigen::Matrix2d::Zero();
+  Matrix23d J_feature = Matrix23d::Zero();  // d pixel / d (u, v, rho)
+};
+
+struct MarkerOutcome {
+  int used = 0;
+  int refused = 0;   // contradict what the filter knows
+  int left_out = 0;  // no place for them, or not to be seen from here
+};
+
+enum class PoseOutcome : std::uint8_t { kUsed, kRefused, kUnknownFrame };
+
+class FeatureFilter {
+ public:
+  explicit FeatureFilter(const FeatureFilterOptions& options);
+
+  // Anew, with nothing but a camera; covariance: of (dp, dtheta) as Transform::retract. Where the
+  // markers that it comes from are about to be given to observeMarkers() as well, a wide one: they
+  // would count twice.
+  void start(const Transform& T_w_c, const Matrix6d& covariance);
+
+  void predict(double dt_s);
+
+  // Markers in view, with what the map does not know of them: their poses become part of the state
+  // when first seen, so that the map's errors stay what they are however often they are seen. What
+  // one marker's error has in common with another's is not known here.
+  MarkerOutcome observeMarkers(std::span<const KnownMarker> markers);
+
+  // Where a feature is expected; empty where the camera cannot see it.
+  [[nodiscard]] std::optional<ExpectedFeature> expect(const CameraModel& camera, int feature) const;
+  // Matches of one frame, each feature at most once: those that belong together are believed, and
+  // those on trial compared with what follows. accepted: one for each.
+  void observeFeatures(const CameraModel& camera, std::span<const FeatureMatch> matches,
+                       std::vector<char>* accepted);
+
+  // The camera of this frame in the world, found elsewhere. covariance: as start().
+  [[nodiscard]] PoseOutcome observePose(const Transform& T_w_c, const Matrix6d& covariance);
+  // The camera of this frame will be spoken of later. The oldest one is forgotten for it.
+  //
+  // It becomes a pose of the state, a place in the ring: what is said of it later corrects the
+  // present by what the two have in common, which is what repeating all updates since then from a
+  // stored state would give, to first order, at the cost of one update.
+  void markPast(std::uint64_t frame);
+  // As observePose(), of a frame that was marked, which is then forgotten.
+  [[nodiscard]] PoseOutcome observePastPose(std::uint64_t frame, const Transform& T_w_c,
+                                            const Matrix6d& covariance);
+  // The same where the filter is wrong and the other is right: everything moves with that frame.
+  // False when it was not marked.
+  [[nodiscard]] bool restartFromPast(std::uint64_t frame, const Transform& T_w_c,
+                                     const Matrix6d& covariance);
+
+  // A camera that features can be added to; -1 when there is no place.
+  [[nodiscard]] int addAnchor() { return state_.clonePose(PoseKind::kAnchor, 0); }
+  [[nodiscard]] int addFeature(int anchor, const Eigen::Vector2d& uv, double rho,
+                               const Eigen::Matrix3d& covariance) {
+    return state_.addFeature(anchor, uv, rho, covariance);
+  }
+  void removeFeature(int feature) { state_.removeFeature(feature); }
+  // Anchors without features.
+  void removeEmptyAnchors();
+  // Anchors in use.
+  [[nodiscard]] int anchorCount() const;
+
+  [[nodiscard]] const FilterState& state() const { return state_; }
+  // As FilterState: the world's coordinates have changed.
+  void moveWorld(const Transform& T_new_old) { state_.moveWorld(T_new_old); }
+  // How many times worse matches fit than their covariances say; at least 1.
+  [[nodiscard]] double noiseScale() const { return noise_scale_; }
+
+ private:
+  struct Measurement {
+    int pose = -1;
+    int feature = -1;  // -1: p_s, in normalized coordinates
+    Eigen::Vector3d p_s = Eigen::Vector3d::Zero();
+    Eigen::Vector2d seen = Eigen::Vector2d::Zero();
+    Eigen::Matrix2d noise = Eigen::Matrix2d::Zero();
+  };
+  struct Row {
+    int pose_at = 0;
+    int feature_at = -1;
+    Matrix26d J_pose;
+    Matrix23d J_feature;
+    Eigen::Vector2d residual;
+  };
+  [[nodiscard]] bool linearize(const CameraModel* camera, const Measurement& m, Row* row) const;
+  // measurements_ that can be seen, linearised: rows_.
+  void linearizeAll(const CameraModel* camera);
+  // rows_ into update_, as seen from where the update began.
+  void assemble();
+  // After assemble(): the means move and are linearised anew where that matters; then the
+  // covariance is reduced. False, and nothing has changed, when that is impossible or what was seen
+  // is further off than chi2.
+  bool correct(const CameraModel* camera, double chi2);
+  [[nodiscard]] bool isFarFromLinear(const CameraModel* camera) const;
+  [[nodiscard]] std::optional<int> markerPlace(const KnownMarker& marker);
+  void forgetMarkers();
+  void adaptNoise(std::span<const FeatureMatch> matches);
+  void measure(const FeatureMatch& match);
+  // The consensus of measurements_.
+  void believeMost(const CameraModel& camera, std::span<const FeatureMatch> matches,
+                   std::vector<char>* accepted);
+  // Those not accepted yet that fit by themselves now.
+  void believeRest(const CameraModel& camera, std::span<const FeatureMatch> matches,
+                   std::vector<char>* accepted);
+  void noteAccepted(std::span<const FeatureMatch> matches, std::vector<char>* accepted) const;
+  [[nodiscard]] bool fits(const CameraModel& camera, const FeatureMatch& match) const;
+  [[nodiscard]] PoseOutcome observePoseAt(int offset, const Transform& T_w_s,
+                                          const Transform& measured, const Matrix6d& covariance);
+
+  FeatureFilterOptions options_;
+  FilterState state_;
+  KalmanUpdate update_;
+  double noise_scale_ = 1.0;
+  double time_s_ = 0.0;  // since the start
+  struct MarkerSeen {
+    std::uint64_t id = 0;
+    double time_s = 0.0;
+  };
+  std::vector<MarkerSeen> markers_seen_;
+  std::vector<std::uint64_t> past_order_;  // oldest first
+
+  // Of the update under way.
+  std::vector<Measurement> measurements_;
+  std::vector<Row> rows_;
+  std::vector<char> marked_;
+  std::vector<int> kept_;
+  std::vector<double> moved_;  // from where the update began
+  std::vector<double> step_;
+  std::vector<double> distances_;
+};
+
+}  // namespace waymark::slam

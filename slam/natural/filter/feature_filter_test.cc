@@ -1,0 +1,298 @@
+#include "slam/natural/filter/feature_filter.h"
+
+#include <cstdio>
+#include <map>
+#include <vector>
+
+#include <Eigen/Cholesky>
+#include <gtest/gtest.h>
+
+#include "slam/natural/filter/testing_point_world.h"
+
+namespace waymark::slam {
+namespace {
+
+using testing::Path;
+using testing::PointWorld;
+using testing::PointWorldOptions;
+using testing::walk;
+
+constexpr double kMarkerUntil_s = 3.0;
+
+// Mean NEES of the published pose, six dimensions, by seconds into the gap; and the RMS error in
+// metres at its end.
+struct Consistency {
+  std::map<int, double> nees;
+  double rms_m = 0.0;
+  double sigma_m = 0.0;
+};
+
+Consistency measure(int seeds, double speed_m_per_s, const PointWorldOptions& options,
+                    const std::vector<int>& at_s) {
+  Consistency result;
+  for (int seed = 0; seed < seeds; ++seed) {
+    const auto s = static_cast<unsigned>(seed);
+    PointWorld world(s, walk(s, speed_m_per_s), options, {});
+    const int frames = static_cast<int>((kMarkerUntil_s + at_s.back()) * options.rate_hz) + 1;
+    for (int k = 0; k < frames; ++k) {
+      world.step(k / options.rate_hz < kMarkerUntil_s, true);
+      for (const int second : at_s) {
+        if (k == static_cast<int>((kMarkerUntil_s + second) * options.rate_hz)) {
+          result.nees[second] += world.nees() / seeds;
+        }
+      }
+    }
+    result.rms_m += world.error().head<3>().squaredNorm() / seeds;
+    result.sigma_m += world.positionSigma() * world.positionSigma() / seeds;
+  }
+  result.rms_m = std::sqrt(result.rms_m);
+  result.sigma_m = std::sqrt(result.sigma_m);
+  return result;
+}
+
+void print(const char* what, const Consistency& c) {
+  std::printf("%s: NEES", what);
+  for (const auto& [second, nees] : c.nees) std::printf(" %ds %.2f", second, nees);
+  std::printf(", at the end %.1f mm, sigma %.1f mm\n", 1e3 * c.rms_m, 1e3 * c.sigma_m);
+}
+
+// Over 50 runs the mean of chi-square with six dimensions is within 5.1 and 7.0 (95 %). What is
+// allowed here: a sigma 1.3 times too small, or 1.6 times too large.
+void expectHonest(const Consistency& c) {
+  for (const auto& [second, nees] : c.nees) {
+    EXPECT_LT(nees, 6.0 * 1.3 * 1.3) << second;
+    EXPECT_GT(nees, 6.0 / (1.6 * 1.6)) << second;
+  }
+}
+
+TEST(FeatureFilter, IsAsGoodAsItSaysInAGap) {
+  const Consistency c = measure(50, 0.35, {}, {1, 2, 5, 10});
+  print("walk", c);
+  expectHonest(c);
+  EXPECT_LT(c.rms_m, 0.035);  // 1 % of 3.5 m
+}
+
+TEST(FeatureFilter, IsAsGoodAsItSaysAtAWalkersPace) {
+  const Consistency c = measure(50, 0.8, {}, {1, 2, 5});
+  print("fast", c);
+  expectHonest(c);
+}
+
+// A feature's bearing taken as exact would be averaged over its life.
+TEST(FeatureFilter, ExactBearingsWouldLie) {
+  PointWorldOptions options;
+  options.believed_anchor_sigma_px = 0.01;
+  const Consistency c = measure(10, 0.35, options, {10});
+  print("exact bearings", c);
+  EXPECT_GT(c.nees.at(10), 6.0 * 1.5 * 1.5);
+}
+
+Path still(unsigned seed) {
+  const Transform T = walk(seed)(1.0);
+  return [T](double) { return T; };
+}
+
+TEST(FeatureFilter, StandingStillCostsNothing) {
+  double nees = 0.0;
+  for (unsigned seed = 0; seed < 20; ++seed) {
+    const Path moving = walk(seed);
+    // A stop of 5 s after the marker has gone.
+    const Path path = [moving](double t) { return moving(t < 4.0 ? t : std::max(4.0, t - 5.0)); };
+    PointWorld world(seed, path, {}, {});
+    double before = 0.0;
+    for (int k = 0; k < 30 * 10; ++k) {
+      world.step(k < 90, true);
+      if (k == 30 * 4) before = world.positionSigma();
+      if (k == 30 * 9 - 1) {
+        EXPECT_LT(world.positionSigma(), 1.5 * before + 0.002);
+        EXPECT_LT(world.error().head<3>().norm(), 4.0 * before + 0.004);
+      }
+    }
+    nees += world.nees() / 20;
+  }
+  std::printf("stop: NEES %.2f\n", nees);
+  EXPECT_LT(nees, 6.0 * 1.5 * 1.5);
+}
+
+// The first frames without any motion at all: depths stay unknown, and nothing breaks.
+TEST(FeatureFilter, NeverMoving) {
+  for (unsigned seed = 0; seed < 5; ++seed) {
+    PointWorld world(seed, still(seed), {}, {});
+    for (int k = 0; k < 200; ++k) world.step(k < 60, true);
+    EXPECT_LT(world.nees(), 30.0);
+    EXPECT_LT(world.error().norm(), 0.02);
+  }
+}
+
+TEST(FeatureFilter, PureRotationIsFollowed) {
+  double nees = 0.0;
+  for (unsigned seed = 0; seed < 20; ++seed) {
+    const Path moving = walk(seed);
+    // After four seconds it only turns, to and fro, for ten.
+    const Path path = [moving](double t) {
+      if (t < 4.0) return moving(t);
+      Transform T = moving(4.0);
+      T.R = T.R * expSo3({0.1 * std::sin(1.1 * (t - 4.0)), 0.7 * std::sin(0.6 * (t - 4.0)), 0.0});
+      return T;
+    };
+    PointWorld world(seed, path, {}, {});
+    for (int k = 0; k < 30 * 14; ++k) world.step(k < 90, true);
+    nees += world.nees() / 20;
+    EXPECT_LT(world.error().head<3>().norm(), 0.1) << seed;
+    EXPECT_LT(world.error().tail<3>().norm(), 0.03) << seed;
+  }
+  std::printf("rotation: NEES %.2f\n", nees);
+  EXPECT_LT(nees, 6.0 * 1.5 * 1.5);
+}
+
+TEST(FeatureFilter, ABlackoutIsCrossed) {
+  double nees = 0.0;
+  int lost = 0;
+  for (unsigned seed = 0; seed < 20; ++seed) {
+    PointWorld world(seed, walk(seed), {}, {});
+    for (int k = 0; k < 30 * 8; ++k) {
+      const bool dark = k >= 150 && k < 180;
+      world.step(k < 90, !dark);
+      if (k == 179) {
+        EXPECT_LT(world.nees(), 30.0) << "in the dark, seed " << seed;
+      }
+    }
+    nees += world.nees() / 20;
+    lost += world.error().head<3>().norm() > 0.1;
+  }
+  std::printf("blackout: NEES %.2f, lost %d\n", nees, lost);
+  EXPECT_LT(nees, 6.0 * 1.5 * 1.5);
+  EXPECT_EQ(lost, 0);
+}
+
+TEST(FeatureFilter, AFifthOfThePointsMoving) {
+  PointWorldOptions options;
+  options.outliers = 0.2;
+  const Consistency c = measure(20, 0.35, options, {1, 2, 5});
+  print("moving points", c);
+  for (const auto& [second, nees] : c.nees) EXPECT_LT(nees, 6.0 * 1.5 * 1.5) << second;
+}
+
+TEST(FeatureFilter, WithoutFeaturesThePredictionSaysHowLittleItKnows) {
+  double nees = 0.0;
+  for (unsigned seed = 0; seed < 20; ++seed) {
+    PointWorld world(seed, walk(seed), {}, {});
+    for (int k = 0; k < 105; ++k) world.step(k < 90, false);
+    nees += world.nees() / 20;
+    EXPECT_GT(world.positionSigma(), 0.03);
+  }
+  EXPECT_LT(nees, 6.0 * 1.5 * 1.5);
+}
+
+TEST(FeatureFilter, TheSameTwiceIsTheSameToTheLastBit) {
+  PointWorld a(3, walk(3), {}, {});
+  PointWorld b(3, walk(3), {}, {});
+  for (int k = 0; k < 120; ++k) {
+    a.step(k < 60, true);
+    b.step(k < 60, true);
+  }
+  EXPECT_EQ((a.filter().state().P() - b.filter().state().P()).norm(), 0.0);
+  EXPECT_EQ((a.filter().state().camera().p - b.filter().state().camera().p).norm(), 0.0);
+}
+
+// --- What is said of past frames -----------------------------------------------------------------
+
+Matrix6d diagonal(double position, double rotation) {
+  Vector6d v;
+  v << position, position, position, rotation, rotation, rotation;
+  return Matrix6d(v.cwiseAbs2().asDiagonal());
+}
+
+Transform disturbed(const Transform& T, const Matrix6d& covariance, std::mt19937* rng) {
+  std::normal_distribution<double> n(0.0, 1.0);
+  Vector6d d;
+  for (int i = 0; i < 6; ++i) d[i] = std::sqrt(covariance(i, i)) * n(*rng);
+  return T.retract(d);
+}
+
+// A pose that arrives a second late is worth as much as one in time, but for the drift since.
+TEST(FeatureFilter, ALatePoseActsAtItsOwnTime) {
+  double nees = 0.0;
+  double sigma = 0.0;
+  double before = 0.0;
+  const Matrix6d covariance = diagonal(0.004, 0.003);
+  std::mt19937 rng(5);
+  for (unsigned seed = 0; seed < 30; ++seed) {
+    PointWorld world(seed, walk(seed), {}, {});
+    Transform then;
+    for (int k = 0; k < 30 * 12; ++k) {
+      world.step(k < 90, true);
+      if (k == 330) {
+        world.filter().markPast(330);
+        then = disturbed(world.truth(), covariance, &rng);
+      }
+    }
+    before += world.positionSigma() / 30;
+    ASSERT_EQ(world.filter().observePastPose(330, then, covariance), PoseOutcome::kUsed) << seed;
+    EXPECT_EQ(world.filter().observePastPose(330, then, covariance), PoseOutcome::kUnknownFrame);
+    nees += world.nees() / 30;
+    sigma += world.positionSigma() / 30;
+  }
+  std::printf("late pose: sigma %.1f mm, before %.1f mm, NEES %.2f\n", 1e3 * sigma, 1e3 * before,
+              nees);
+  EXPECT_LT(sigma, 0.7 * before);
+  EXPECT_LT(nees, 6.0 * 1.5 * 1.5);
+  EXPECT_GT(nees, 6.0 / (1.6 * 1.6));
+}
+
+TEST(FeatureFilter, APoseThatContradictsIsRefusedUntilItIsBelieved) {
+  const Matrix6d covariance = diagonal(0.004, 0.003);
+  double nees = 0.0;
+  std::mt19937 rng(6);
+  for (unsigned seed = 0; seed < 30; ++seed) {
+    PointWorld world(seed, walk(seed), {}, {});
+    // Somebody had told it the wrong place.
+    const Transform T_right_wrong{expSo3({0.0, 0.0, 0.6}), {1.5, -0.7, 0.2}};
+    Transform then;
+    for (int k = 0; k < 30 * 6; ++k) {
+      world.step(k < 90, true);
+      if (k == 100) world.filter().moveWorld(T_right_wrong);
+      if (k == 150) {
+        world.filter().markPast(9);
+        then = disturbed(world.truth(), covariance, &rng);
+      }
+    }
+    EXPECT_EQ(world.filter().observePastPose(9, then, covariance), PoseOutcome::kRefused);
+    ASSERT_TRUE(world.filter().restartFromPast(9, then, covariance));
+    EXPECT_FALSE(world.filter().restartFromPast(9, then, covariance));
+    EXPECT_LT(world.error().head<3>().norm(), 0.05);
+    nees += world.nees() / 30;
+    for (int k = 0; k < 10; ++k) world.step(false, true);
+    EXPECT_GT(world.lastAccepted(), world.lastMatches() / 2);
+  }
+  std::printf("restart: NEES %.2f\n", nees);
+  EXPECT_LT(nees, 6.0 * 1.5 * 1.5);
+  EXPECT_GT(nees, 6.0 / (1.6 * 1.6));
+}
+
+TEST(FeatureFilter, TheRingKeepsTheNewest) {
+  FeatureFilterOptions options;
+  options.max_past = 2;
+  PointWorld world(1, walk(1), {}, options);
+  for (int k = 0; k < 10; ++k) {
+    world.step(true, true);
+    world.filter().markPast(static_cast<std::uint64_t>(k));
+  }
+  const Matrix6d loose = diagonal(1.0, 1.0);
+  EXPECT_EQ(world.filter().observePastPose(7, world.truth(), loose), PoseOutcome::kUnknownFrame);
+  EXPECT_EQ(world.filter().observePastPose(8, world.truth(), loose), PoseOutcome::kUsed);
+  EXPECT_EQ(world.filter().observePastPose(9, world.truth(), loose), PoseOutcome::kUsed);
+}
+
+TEST(FeatureFilterOptions, WhatCannotWorkIsTold) {
+  EXPECT_EQ(FeatureFilterOptions{}.invalidReason(), "");
+  FeatureFilterOptions options;
+  options.max_features = 2;
+  EXPECT_NE(options.invalidReason(), "");
+  options = {};
+  options.motion.acceleration = 0.0;
+  EXPECT_NE(options.invalidReason(), "");
+}
+
+}  // namespace
+}  // namespace waymark::slam

@@ -1,0 +1,31 @@
+// What the filter expects to see of a point that hangs on one of its poses, with Jacobians.
+//
+// A measurement of the camera relative to that pose: the Jacobian by the camera's error is minus
+// that by the pose's, so that a motion of the whole world changes nothing (filter_state.h).
+#pragma once
+
+#include <Eigen/Core>
+
+#include "slam/geometry/camera_model.h"
+#include "slam/geometry/reprojection.h"
+#include "slam/natural/filter/filter_state.h"
+
+namespace waymark::slam {
+
+struct PointView {
+  Eigen::Vector2d at;   // normalized coordinates, or pixels
+  Matrix26d J_pose;     // d at / d xi of the pose; of the camera: -J_pose
+  Matrix23d J_feature;  // d at / d (u, v, rho)
+};
+
+// A feature, in pixels. False behind the camera or outside the lens's range.
+[[nodiscard]] bool viewFeature(const CameraModel& camera, const Transform& T_w_c,
+                               const Transform& T_w_a, const StateFeature& feature,
+                               PointView* view);
+
+// A point at p_s in the frame of a pose, in normalized coordinates; J_feature is zero. False behind
+// the camera.
+[[nodiscard]] bool viewPoint(const Transform& T_w_c, const Transform& T_w_s,
+                             const Eigen::Vector3d& p_s, PointView* view);
+
+}  // namespace waymark::slam

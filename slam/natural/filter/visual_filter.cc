@@ -1,0 +1,519 @@
+#include "slam/natural/filter/visual_filter.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include <Eigen/LU>
+
+#include "slam/option_checks.h"
+
+namespace waymark::slam {
+namespace {
+
+// How near the image's border, in pixels, features are looked for, and new ones are put.
+constexpr double kSearchBorder_px = 6.0;
+constexpr int kNewBorder_px = 12;
+// New features are looked for where the image is about as wide as this, pixels.
+constexpr int kCornerImageWidth_px = 400;
+// Parts of the image for each feature there may be: some have no texture.
+constexpr double kPartsPerFeature = 1.5;
+// An inverse depth is known well when its sigma is this share of it.
+constexpr double kWellKnown = 0.15;
+// Nothing is nearer than this, metres.
+constexpr double kNearest_m = 0.05;
+
+// From pixels of level 0 to those of a level.
+Eigen::Vector2d onLevel(const Eigen::Vector2d& pixel, int level) {
+  const double scale = 1.0 / (1 << level);
+  return scale * pixel + 0.5 * (scale - 1.0) * Eigen::Vector2d::Ones();
+}
+Eigen::Vector2d fromLevel(const Eigen::Vector2d& at, int level) {
+  const double scale = 1 << level;
+  return scale * at + 0.5 * (scale - 1.0) * Eigen::Vector2d::Ones();
+}
+
+double longestSigma(const Eigen::Matrix2d& C) {
+  const double half = 0.5 * (C(0, 0) - C(1, 1));
+  return std::sqrt(0.5 * C.trace() + std::sqrt(half * half + C(0, 1) * C(0, 1)));
+}
+
+}  // namespace
+
+std::string FeatureManagementOptions::invalidReason() const {
+  return firstUnmet({
+      {isPositive(max_sigma_px), "max_sigma_px must be positive"},
+      {least_lot >= 1, "least_lot must be at least 1"},
+      {trial_frames >= 0, "trial_frames must not be negative"},
+      {believed_without_trial >= 0, "believed_without_trial must not be negative"},
+      {max_failures >= 0, "max_failures must not be negative"},
+      {max_frames_outside >= 0, "max_frames_outside must not be negative"},
+      {isShare(blind_share), "blind_share must be 0 to 1"},
+      {isPositive(first_depth_m), "first_depth_m must be positive"},
+      {isPositive(search_sigmas), "search_sigmas must be positive"},
+      {isPositive(max_search_px), "max_search_px must be positive"},
+      {isNotNegative(systematic_s), "systematic_s must not be negative"},
+      {surfaces_per_frame >= 0, "surfaces_per_frame must not be negative"},
+  });
+}
+
+std::string VisualFilterOptions::invalidReason() const {
+  return firstReason({filter.invalidReason(), patches.invalidReason(), features.invalidReason()});
+}
+
+VisualFilter::VisualFilter(const VisualFilterOptions& options)
+    : options_(options),
+      filter_(options.filter),
+      features_(static_cast<std::size_t>(options.filter.max_features)) {
+  const auto count = static_cast<std::size_t>(options.filter.max_features);
+  candidates_.reserve(count);
+  matches_.reserve(count);
+  candidate_of_match_.reserve(count);
+  accepted_.reserve(count);
+  neighbours_.reserve(count);
+  shown_.reserve(count);
+  // As many parts as there will be, rounded up in both directions.
+  found_corners_.reserve(4 * count + 16);
+  occupied_.reserve(4 * count + 16);
+}
+
+void VisualFilter::reinitialize(const Transform& T_w_c, const Matrix6d& covariance) {
+  filter_.start(T_w_c, covariance);
+  running_ = true;
+  marker_depth_m_ = 0.0;
+  frames_since_lot_ = 0;
+  frame_s_ = 0.0;
+  shown_.clear();
+}
+
+void VisualFilter::predict(double dt_s) {
+  frame_s_ = dt_s;
+  filter_.predict(dt_s);
+}
+
+FilteredPose VisualFilter::pose() const {
+  const FilterState& state = filter_.state();
+  FilteredPose pose;
+  pose.T_w_c = state.camera();
+  pose.covariance = state.poseCovariance();
+  pose.twist << state.camera().R.transpose() * state.velocity(), state.angularVelocity();
+  return pose;
+}
+
+VisualUpdate VisualFilter::update(const ImageView& image, const CameraModel& camera,
+                                  std::span<const KnownMarker> markers) {
+  VisualUpdate result;
+  result.markers = filter_.observeMarkers(markers);
+  if (!markers.empty()) {
+    double depth = 0.0;
+    for (const KnownMarker& marker : markers) {
+      depth += (filter_.state().camera().inverse() * marker.T_w_m.p).z();
+    }
+    marker_depth_m_ = std::max(kNearest_m, depth / static_cast<double>(markers.size()));
+  } else {
+    marker_depth_m_ = 0.0;
+  }
+  shown_.clear();
+  if (image.empty()) return result;
+  levels_[0] = image;
+  levels_[1] = reducers_[0].reduce(levels_[0], 2);
+  levels_[2] = reducers_[1].reduce(levels_[1], 2);
+  lookForFeatures(camera, &result);
+  judge(&result);
+  dropHopeless(&result);
+  if (!result.blind) {
+    estimateSurfaces();
+    addFeatures(camera, &result);
+  }
+  filter_.removeEmptyAnchors();
+  return result;
+}
+
+// --- Search --------------------------------------------------------------------------------------
+
+void VisualFilter::expectFeatures(const CameraModel& camera) {
+  candidates_.clear();
+  for (std::size_t i = 0; i < features_.size(); ++i) {
+    const int feature = static_cast<int>(i);
+    if (stateOf(feature).offset < 0) continue;
+    const auto expected = filter_.expect(camera, feature);
+    if (!expected || !camera.inImage(expected->pixel, kSearchBorder_px)) {
+      ++features_[i].outside;
+      continue;
+    }
+    features_[i].outside = 0;
+    candidates_.push_back(
+        {feature, *expected, features_[i].age < options_.features.trial_frames, false, false});
+  }
+}
+
+double VisualFilter::systematicVariance(const Eigen::Matrix2d& now_from_anchor) const {
+  // The stretch without the turn: singular values of A from those of A^T A, less one.
+  const Eigen::Matrix2d AtA = now_from_anchor.transpose() * now_from_anchor;
+  const double half = 0.5 * AtA.trace();
+  const double root = std::sqrt(std::max(0.0, half * half - AtA.determinant()));
+  const double stretch = std::max(std::abs(std::sqrt(half + root) - 1.0),
+                                  std::abs(std::sqrt(std::max(0.0, half - root)) - 1.0));
+  const double sigma_px =
+      options_.patches.systematic_px + options_.patches.systematic_per_stretch_px * stretch;
+  // White noise that averages as slowly as an error that lasts for systematic_s.
+  const double frames = frame_s_ > 0.0 ? 2.0 * options_.features.systematic_s / frame_s_ : 1.0;
+  return sigma_px * sigma_px * std::max(1.0, frames);
+}
+
+std::optional<FeatureMatch> VisualFilter::find(const Candidate& candidate) const {
+  const StateFeature& state = stateOf(candidate.feature);
+  const Feature& feature = features_[static_cast<std::size_t>(candidate.feature)];
+  // How the image now moves with a step in the anchor's image, on the surface as it lies.
+  const Matrix23d& J = candidate.expected.J_feature;
+  const Eigen::Matrix2d now_from_anchor =
+      (J.leftCols<2>() + state.rho * J.col(2) * feature.surface.transpose()) *
+      feature.uv_from_pixel;
+  const double scale2 = now_from_anchor.determinant();
+  // Seen at less than a third of its size, or more than three times, it looks otherwise.
+  constexpr double kLeastScale2 = 0.1;
+  if (!(scale2 > kLeastScale2) || !(scale2 < 1.0 / kLeastScale2)) return std::nullopt;
+  const Eigen::Matrix2d anchor_from_now = now_from_anchor.inverse();
+
+  // Iterations reach two pixels or so: further off, the ellipse is searched, at the size at which
+  // it is small.
+  constexpr double kIterationsReach_px = 2.0;
+  constexpr double kLargestSearch_px = 8.0;
+  const double sigma_px = longestSigma(candidate.expected.covariance);
+  const double reach_px =
+      std::min(options_.features.search_sigmas * sigma_px, options_.features.max_search_px);
+  int level = 1;
+  Eigen::Vector2d at = candidate.expected.pixel;
+  PatchTemplate patch;
+  if (reach_px > 2.0 * kIterationsReach_px) {
+    if (reach_px > 2.0 * kLargestSearch_px) level = 2;
+    if (!warpPatch(feature.source, anchor_from_now, level, &patch)) return std::nullopt;
+    const double per_level = 1 << level;
+    const double widest = options_.features.search_sigmas;
+    const Eigen::Matrix2d ellipse =
+        widest * widest / (per_level * per_level) * candidate.expected.covariance;
+    const int reach = static_cast<int>(std::ceil(reach_px / per_level));
+    const auto found = searchPatch(levels_[static_cast<std::size_t>(level)], patch,
+                                   onLevel(at, level), ellipse.inverse(), reach, options_.patches);
+    if (!found) return std::nullopt;
+    at = fromLevel(*found, level);
+  } else if (reach_px <= 1.0) {
+    level = 0;
+  }
+  // From coarse to fine; the finest that fits is what is measured. Where an image is blurred that
+  // may be a coarse one.
+  std::optional<FeatureMatch> match;
+  int measured_at = 0;
+  for (; level >= 0; --level) {
+    const bool warped = warpPatch(feature.source, anchor_from_now, level, &patch);
+    const auto aligned = warped ? alignPatch(levels_[static_cast<std::size_t>(level)], patch,
+                                             onLevel(at, level), options_.patches)
+                                : std::nullopt;
+    if (!aligned) break;
+    at = fromLevel(aligned->at, level);
+    const double per_level = 1 << level;
+    match = FeatureMatch{candidate.feature, at, per_level * per_level * aligned->covariance,
+                         candidate.on_trial};
+    measured_at = level;
+  }
+  if (match) {
+    const double per_level = 1 << measured_at;
+    match->covariance +=
+        per_level * per_level * systematicVariance(now_from_anchor) * Eigen::Matrix2d::Identity();
+  }
+  return match;
+}
+
+void VisualFilter::lookForFeatures(const CameraModel& camera, VisualUpdate* result) {
+  expectFeatures(camera);
+  matches_.clear();
+  candidate_of_match_.clear();
+  int sure = 0;
+  for (std::size_t i = 0; i < candidates_.size(); ++i) {
+    const auto match = find(candidates_[i]);
+    if (!match) continue;
+    candidates_[i].found = true;
+    matches_.push_back(*match);
+    candidate_of_match_.push_back(static_cast<int>(i));
+    sure += match->on_trial ? 0 : 1;
+  }
+  if (sure < options_.features.believed_without_trial) {
+    for (FeatureMatch& match : matches_) match.on_trial = false;
+  }
+  double squares = 0.0;
+  filter_.observeFeatures(camera, matches_, &accepted_);
+  for (std::size_t k = 0; k < matches_.size(); ++k) {
+    Candidate& candidate = candidates_[static_cast<std::size_t>(candidate_of_match_[k])];
+    candidate.believed = accepted_[k] != 0;
+    if (!candidate.believed || matches_[k].on_trial) continue;
+    ++result->believed;
+    squares += (matches_[k].pixel - candidate.expected.pixel).squaredNorm();
+  }
+  result->expected = static_cast<int>(candidates_.size());
+  result->found = static_cast<int>(matches_.size());
+  if (result->believed > 0) result->rms_px = std::sqrt(squares / result->believed);
+  for (const Candidate& candidate : candidates_) {
+    result->on_trial += candidate.on_trial ? 1 : 0;
+    shown_.push_back({candidate.expected.pixel, candidate.found, candidate.believed});
+  }
+}
+
+// --- Management ----------------------------------------------------------------------------------
+
+void VisualFilter::judge(VisualUpdate* result) {
+  const auto believed = std::count_if(candidates_.begin(), candidates_.end(),
+                                      [](const Candidate& c) { return c.believed; });
+  constexpr int kFew = 4;
+  result->blind = result->expected >= kFew &&
+                  static_cast<double>(believed) <
+                      options_.features.blind_share * static_cast<double>(result->expected);
+  if (result->blind) return;
+  for (const Candidate& candidate : candidates_) {
+    Feature& feature = features_[static_cast<std::size_t>(candidate.feature)];
+    ++feature.age;
+    feature.failures = candidate.believed ? 0 : feature.failures + 1;
+  }
+}
+
+void VisualFilter::drop(int feature) { filter_.removeFeature(feature); }
+
+void VisualFilter::dropHopeless(VisualUpdate* result) {
+  for (std::size_t i = 0; i < features_.size(); ++i) {
+    const int feature = static_cast<int>(i);
+    const StateFeature& state = stateOf(feature);
+    if (state.offset < 0) continue;
+    const Feature& f = features_[i];
+    // One on trial has no second chance.
+    const int failures =
+        f.age <= options_.features.trial_frames ? 1 : options_.features.max_failures;
+    const double sigma =
+        std::sqrt(std::max(0.0, filter_.state().P(state.offset + 2, state.offset + 2)));
+    const bool impossible =
+        state.rho + 2.0 * sigma < 0.0 || state.rho - 2.0 * sigma > 1.0 / kNearest_m;
+    if (f.failures <= failures && f.outside <= options_.features.max_frames_outside &&
+        !impossible) {
+      continue;
+    }
+    drop(feature);
+    ++result->dropped;
+  }
+}
+
+double VisualFilter::inverseDepthNow(int feature) const {
+  const StateFeature& f = stateOf(feature);
+  const Transform& T_w_a = filter_.state().poses()[static_cast<std::size_t>(f.pose)].T_w_s;
+  const Transform& T_w_c = filter_.state().camera();
+  const Eigen::Vector3d y =
+      T_w_c.R.transpose() *
+      (T_w_a.R * Eigen::Vector3d(f.uv.x(), f.uv.y(), 1.0) + f.rho * (T_w_a.p - T_w_c.p));
+  return f.rho / y.z();
+}
+
+bool VisualFilter::isWellKnown(int feature) const {
+  const StateFeature& f = stateOf(feature);
+  const double variance = filter_.state().P(f.offset + 2, f.offset + 2);
+  return f.rho > 0.0 && variance < kWellKnown * kWellKnown * f.rho * f.rho;
+}
+
+void VisualFilter::estimateSurfaces() {
+  // Neighbours within this part of a radian.
+  constexpr double kNear = 0.25;
+  const int count = static_cast<int>(features_.size());
+  int left = options_.features.surfaces_per_frame;
+  for (int tried = 0; tried < count && left > 0; ++tried) {
+    const int feature = next_surface_;
+    next_surface_ = (next_surface_ + 1) % count;
+    const StateFeature& f = stateOf(feature);
+    if (f.offset < 0 || !isWellKnown(feature)) continue;
+    --left;
+    const Transform& T_w_a = filter_.state().poses()[static_cast<std::size_t>(f.pose)].T_w_s;
+    neighbours_.clear();
+    for (int other = 0; other < count; ++other) {
+      const StateFeature& o = stateOf(other);
+      if (other == feature || o.offset < 0 || !isWellKnown(other)) continue;
+      const Transform& T_w_b = filter_.state().poses()[static_cast<std::size_t>(o.pose)].T_w_s;
+      const Eigen::Vector3d y =
+          T_w_a.R.transpose() *
+          (T_w_b.R * Eigen::Vector3d(o.uv.x(), o.uv.y(), 1.0) + o.rho * (T_w_b.p - T_w_a.p));
+      if (!(y.z() > 0.1)) continue;
+      const Eigen::Vector2d offset = y.head<2>() / y.z() - f.uv;
+      if (offset.squaredNorm() > kNear * kNear) continue;
+      const double sigma = std::sqrt(filter_.state().P(o.offset + 2, o.offset + 2)) / o.rho;
+      neighbours_.push_back({offset, o.rho / (y.z() * f.rho) - 1.0, sigma});
+    }
+    const auto surface = surfaceGradient(neighbours_);
+    features_[static_cast<std::size_t>(feature)].surface =
+        surface.value_or(Eigen::Vector2d::Zero());
+  }
+}
+
+// --- New features --------------------------------------------------------------------------------
+
+double VisualFilter::likelyInverseDepth(const Eigen::Vector2d& pixel) const {
+  // The mean of the nearest ones that are known.
+  constexpr int kNearestOnes = 3;
+  struct Near {
+    double distance2 = 1e300;
+    double rho = 0.0;
+  };
+  std::array<Near, kNearestOnes> nearest;
+  for (const Candidate& candidate : candidates_) {
+    if (stateOf(candidate.feature).offset < 0 || !candidate.believed ||
+        !isWellKnown(candidate.feature)) {
+      continue;
+    }
+    const Near near{(candidate.expected.pixel - pixel).squaredNorm(),
+                    inverseDepthNow(candidate.feature)};
+    if (!(near.rho > 0.0) || near.distance2 >= nearest.back().distance2) continue;
+    nearest.back() = near;
+    for (std::size_t i = nearest.size() - 1; i > 0; --i) {
+      if (nearest[i].distance2 < nearest[i - 1].distance2) std::swap(nearest[i], nearest[i - 1]);
+    }
+  }
+  if (nearest.back().rho > 0.0) {
+    return (nearest[0].rho + nearest[1].rho + nearest[2].rho) / kNearestOnes;
+  }
+  return 1.0 / (marker_depth_m_ > 0.0 ? marker_depth_m_ : options_.features.first_depth_m);
+}
+
+bool VisualFilter::addFeature(const CameraModel& camera, int anchor, const Eigen::Vector2d& pixel,
+                              double rho, double rho_sigma, double max_sigma_px) {
+  const int x = static_cast<int>(std::lround(pixel.x()));
+  const int y = static_cast<int>(std::lround(pixel.y()));
+  const auto uv = camera.undistort({x, y});
+  if (!uv) return false;
+  PatchSource source;
+  cutPatch(levels_[0], levels_[1], x, y, &source);
+  PatchTemplate patch;
+  if (!warpPatch(source, Eigen::Matrix2d::Identity(), 0, &patch)) return false;
+  const Eigen::Matrix2d C = patch.covariance(options_.patches.image_noise);
+  if (!(longestSigma(C) <= max_sigma_px)) return false;
+  Eigen::Matrix2d D;
+  (void)camera.distort(*uv, &D);
+  const Eigen::Matrix2d uv_from_pixel = D.inverse();
+  // What the patch shows around the feature is what is found again: with the noise it has here.
+  const double s = options_.patches.systematic_px;
+  Eigen::Matrix3d covariance = Eigen::Matrix3d::Zero();
+  covariance.topLeftCorner<2, 2>() =
+      uv_from_pixel * (C + s * s * Eigen::Matrix2d::Identity()) * uv_from_pixel.transpose();
+  covariance(2, 2) = rho_sigma * rho_sigma;
+  const int place = filter_.addFeature(anchor, *uv, rho, covariance);
+  if (place < 0) return false;
+  Feature& feature = features_[static_cast<std::size_t>(place)];
+  feature.source = source;
+  feature.uv_from_pixel = uv_from_pixel;
+  feature.surface.setZero();
+  feature.age = 0;
+  feature.failures = 0;
+  feature.outside = 0;
+  return true;
+}
+
+void VisualFilter::findCorners() {
+  found_corners_.clear();
+  int level = 0;
+  while (level < 2 && levels_[static_cast<std::size_t>(level)].width > kCornerImageWidth_px)
+    ++level;
+  const ImageView& image = levels_[static_cast<std::size_t>(level)];
+  const double parts = kPartsPerFeature * static_cast<double>(features_.size());
+  const double side =
+      std::max(12.0, std::sqrt(static_cast<double>(image.width) * image.height / parts));
+  const int columns = std::max(1, static_cast<int>(image.width / side));
+  const int rows = std::max(1, static_cast<int>(image.height / side));
+  occupied_.assign(static_cast<std::size_t>(columns) * static_cast<std::size_t>(rows), char{0});
+  for (const Candidate& candidate : candidates_) {
+    if (stateOf(candidate.feature).offset < 0) continue;
+    const Eigen::Vector2d at = onLevel(candidate.expected.pixel, level);
+    const int column = std::clamp(static_cast<int>(at.x() * columns / image.width), 0, columns - 1);
+    const int row = std::clamp(static_cast<int>(at.y() * rows / image.height), 0, rows - 1);
+    occupied_[static_cast<std::size_t>(row) * static_cast<std::size_t>(columns) +
+              static_cast<std::size_t>(column)] = 1;
+  }
+  const int margin = (kNewBorder_px >> level) + 1;
+  // Not at a part's edge, where the neighbour's feature may be.
+  const int inset = static_cast<int>(side / 8.0);
+  for (int row = 0; row < rows; ++row) {
+    for (int column = 0; column < columns; ++column) {
+      if (occupied_[static_cast<std::size_t>(row) * static_cast<std::size_t>(columns) +
+                    static_cast<std::size_t>(column)]) {
+        continue;
+      }
+      FoundCorner corner = corners_.best(image, image.width * column / columns + inset,
+                                         image.height * row / rows + inset,
+                                         image.width * (column + 1) / columns - inset,
+                                         image.height * (row + 1) / rows - inset, margin);
+      if (!(corner.score > 0.0F)) continue;
+      corner.x <<= level;
+      corner.y <<= level;
+      found_corners_.push_back(corner);
+    }
+  }
+  std::sort(found_corners_.begin(), found_corners_.end(),
+            [](const FoundCorner& a, const FoundCorner& b) {
+              if (a.score != b.score) return a.score > b.score;
+              return a.y != b.y ? a.y < b.y : a.x < b.x;
+            });
+}
+
+// The anchor with the fewest features goes, if these are few.
+bool VisualFilter::makeRoomForAnchor() {
+  if (filter_.anchorCount() < options_.filter.max_anchors) return true;
+  int fewest = -1;
+  int left = options_.features.least_lot;
+  const auto& poses = filter_.state().poses();
+  for (std::size_t i = 0; i < poses.size(); ++i) {
+    if (poses[i].offset < 0 || poses[i].kind != PoseKind::kAnchor) continue;
+    if (poses[i].features >= left) continue;
+    left = poses[i].features;
+    fewest = static_cast<int>(i);
+  }
+  if (fewest < 0) return false;
+  for (std::size_t i = 0; i < features_.size(); ++i) {
+    const int feature = static_cast<int>(i);
+    if (stateOf(feature).offset >= 0 && stateOf(feature).pose == fewest) drop(feature);
+  }
+  filter_.removeEmptyAnchors();
+  return true;
+}
+
+void VisualFilter::addFeatures(const CameraModel& camera, VisualUpdate* result) {
+  ++frames_since_lot_;
+  const int room = static_cast<int>(features_.size()) - filter_.state().featureCount();
+  // Of those that are there but not in view, others are in the way: they go after a while.
+  const int lot = std::min(options_.features.least_lot, static_cast<int>(features_.size()));
+  constexpr int kFramesBetweenLots = 3;
+  if (room < lot || frames_since_lot_ < kFramesBetweenLots) return;
+  frames_since_lot_ = 0;
+  findCorners();
+  if (static_cast<int>(found_corners_.size()) < lot && filter_.state().featureCount() > 0) return;
+  if (found_corners_.empty() || !makeRoomForAnchor()) return;
+  filter_.removeEmptyAnchors();
+  const int anchor = filter_.addAnchor();
+  if (anchor < 0) return;
+  for (const FoundCorner& corner : found_corners_) {
+    if (filter_.state().featureCount() >= static_cast<int>(features_.size())) break;
+    const Eigen::Vector2d pixel(corner.x, corner.y);
+    const double rho = likelyInverseDepth(pixel);
+    result->added +=
+        addFeature(camera, anchor, pixel, rho, 0.5 * rho, options_.features.max_sigma_px);
+  }
+}
+
+int VisualFilter::addKnownPoints(const ImageView& image, const CameraModel& camera,
+                                 std::span<const KnownPoint> points) {
+  levels_[0] = image;
+  levels_[1] = reducers_[0].reduce(levels_[0], 2);
+  levels_[2] = reducers_[1].reduce(levels_[1], 2);
+  if (!makeRoomForAnchor()) return 0;
+  const int anchor = filter_.addAnchor();
+  if (anchor < 0) return 0;
+  constexpr double kAnyTexture = 1.0;
+  int added = 0;
+  for (const KnownPoint& point : points) {
+    if (!camera.inImage(point.pixel, kNewBorder_px)) continue;
+    added += addFeature(camera, anchor, point.pixel, point.rho, point.rho_sigma, kAnyTexture);
+  }
+  filter_.removeEmptyAnchors();
+  return added;
+}
+
+}  // namespace waymark::slam

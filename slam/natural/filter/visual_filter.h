@@ -1,0 +1,202 @@
+// A camera's pose from frame to frame by natural features: where fiducial markers are out of view,
+// it goes on from what was triangulated while they were in view, and says how well (seed 2,
+// sections 3.2 and 3.3; Davison's active search). No threads, no files, deterministic; it takes no
+// memory once it runs.
+//
+// A frame: predict(), then update() with its image and the markers in it. Scale comes from markers:
+// a filter that is started without any is as good as its start says, and its scale stays what it
+// assumed of the first depths.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <optional>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "base/image_view.h"
+#include "slam/camera_pose/known_marker.h"
+#include "slam/detection/search/reduced_image.h"
+#include "slam/geometry/camera_model.h"
+#include "slam/natural/filter/corner_finder.h"
+#include "slam/natural/filter/feature_filter.h"
+#include "slam/natural/filter/patch.h"
+#include "slam/natural/filter/surface.h"
+
+namespace waymark::slam {
+
+struct FeatureManagementOptions {
+  // How well a new feature's patch must say where it is, pixels, for the camera's noise. Larger
+  // takes poorer texture.
+  double max_sigma_px = 0.12;
+  // New features come in lots of at least so many, as each lot keeps a camera in the state.
+  int least_lot = 5;
+  // Frames that a new feature is only looked at (FeatureMatch::on_trial).
+  int trial_frames = 8;
+  // As long as so many others are there to be believed.
+  int believed_without_trial = 12;
+  // A feature is dropped after so many frames in which it should have been found and was not.
+  int max_failures = 8;
+  // ... and after so many outside the image.
+  int max_frames_outside = 10;
+  // A frame in which less than this share of the features is found says nothing about them: it was
+  // dark, or blurred, or something was in the way of all of them.
+  double blind_share = 0.25;
+  // Where nothing is known of depth: that of a room, metres; inverse depths are taken from 0 to
+  // twice that, 95 %.
+  double first_depth_m = 2.0;
+  // Half sizes of the search ellipses in standard deviations, and at most in pixels of the image.
+  double search_sigmas = 3.0;
+  double max_search_px = 40.0;
+  // For how long a match's systematic error (PatchOptions) stays the same, seconds: more images in
+  // that time do not average it away.
+  double systematic_s = 0.15;
+  // Surfaces that are estimated anew in a frame. More follow sooner, for a few microseconds each.
+  int surfaces_per_frame = 6;
+
+  // Empty when usable, else what is wrong.
+  [[nodiscard]] std::string invalidReason() const;
+};
+
+struct VisualFilterOptions {
+  FeatureFilterOptions filter;
+  PatchOptions patches;
+  FeatureManagementOptions features;
+
+  // Empty when usable, else what is wrong.
+  [[nodiscard]] std::string invalidReason() const;
+};
+
+struct FilteredPose {
+  Transform T_w_c;
+  // Of (dp, dtheta) as Transform::retract, metres and radians in the world frame.
+  Matrix6d covariance = Matrix6d::Zero();
+  // Of the camera in its own frame, metres and radians per second.
+  Vector6d twist = Vector6d::Zero();
+};
+
+// What became of a frame.
+struct VisualUpdate {
+  MarkerOutcome markers;
+  int expected = 0;  // features that should have been in view
+  int found = 0;     // of these, whose patch was found
+  int believed = 0;  // of these, that went into the pose
+  int on_trial = 0;  // of those expected
+  int added = 0;
+  int dropped = 0;
+  bool blind = false;   // too few found to say anything about the others
+  double rms_px = 0.0;  // innovations of those believed
+};
+
+class VisualFilter {
+ public:
+  // Takes all the memory it needs, but for images, whose size the first one tells.
+  explicit VisualFilter(const VisualFilterOptions& options);
+
+  // From here, with nothing else known. covariance: of (dp, dtheta); a wide one where the markers
+  // that the pose is from are given to update() as well.
+  void reinitialize(const Transform& T_w_c, const Matrix6d& covariance);
+  // Without a pose, as at the start.
+  void reset() { running_ = false; }
+  [[nodiscard]] bool running() const { return running_; }
+
+  // Precondition of these: running().
+  void predict(double dt_s);
+  // image: of the camera's size; empty for none. markers: those in view that the map knows.
+  VisualUpdate update(const ImageView& image, const CameraModel& camera,
+                      std::span<const KnownMarker> markers);
+  [[nodiscard]] FilteredPose pose() const;
+
+  // Points whose inverse depth is known (the corners of a printed picture): features from the
+  // start. Their places are known as well as the camera's own.
+  struct KnownPoint {
+    Eigen::Vector2d pixel = Eigen::Vector2d::Zero();
+    double rho = 0.0;  // 1 / metres along the optical axis
+    double rho_sigma = 0.0;
+  };
+  // In the image of the last update(), or of the one about to follow reinitialize(). How many found
+  // a place.
+  int addKnownPoints(const ImageView& image, const CameraModel& camera,
+                     std::span<const KnownPoint> points);
+
+  // Poses found elsewhere, of this frame and of earlier ones: see FeatureFilter.
+  [[nodiscard]] FeatureFilter& filter() { return filter_; }
+  [[nodiscard]] const FeatureFilter& filter() const { return filter_; }
+
+  // The features in use, where they were expected in the last frame, for pictures and tests.
+  struct Shown {
+    Eigen::Vector2d pixel = Eigen::Vector2d::Zero();
+    bool found = false;
+    bool believed = false;
+  };
+  [[nodiscard]] std::span<const Shown> shown() const { return shown_; }
+
+ private:
+  // What is kept of a feature beside the filter's state.
+  struct Feature {
+    PatchSource source;
+    // d normalized / d pixel of the anchor's image at the feature.
+    Eigen::Matrix2d uv_from_pixel = Eigen::Matrix2d::Zero();
+    Eigen::Vector2d surface = Eigen::Vector2d::Zero();  // surfaceGradient
+    int age = 0;
+    int failures = 0;  // in succession
+    int outside = 0;   // frames in succession
+  };
+  // A feature that should be in view.
+  struct Candidate {
+    int feature = -1;
+    ExpectedFeature expected;
+    bool on_trial = false;
+    bool found = false;
+    bool believed = false;
+  };
+
+  void lookForFeatures(const CameraModel& camera, VisualUpdate* result);
+  void expectFeatures(const CameraModel& camera);
+  [[nodiscard]] std::optional<FeatureMatch> find(const Candidate& candidate) const;
+  // Variance of a match's systematic error in a frame, pixels^2, as if it were another one in each.
+  [[nodiscard]] double systematicVariance(const Eigen::Matrix2d& now_from_anchor) const;
+  void judge(VisualUpdate* result);
+  void drop(int feature);
+  void dropHopeless(VisualUpdate* result);
+  void estimateSurfaces();
+  void addFeatures(const CameraModel& camera, VisualUpdate* result);
+  // The corners of the image's empty parts, the best first.
+  void findCorners();
+  bool makeRoomForAnchor();
+  [[nodiscard]] bool addFeature(const CameraModel& camera, int anchor, const Eigen::Vector2d& pixel,
+                                double rho, double rho_sigma, double max_sigma_px);
+  // Inverse depth along the optical axis that is likely at a pixel.
+  [[nodiscard]] double likelyInverseDepth(const Eigen::Vector2d& pixel) const;
+  [[nodiscard]] const StateFeature& stateOf(int feature) const {
+    return filter_.state().features()[static_cast<std::size_t>(feature)];
+  }
+  // Inverse depth of a feature in the camera as it is now.
+  [[nodiscard]] double inverseDepthNow(int feature) const;
+  [[nodiscard]] bool isWellKnown(int feature) const;
+
+  VisualFilterOptions options_;
+  FeatureFilter filter_;
+  bool running_ = false;
+  std::vector<Feature> features_;  // by their place in the state
+  std::array<ImageReducer, 2> reducers_;
+  std::array<ImageView, 3> levels_;  // of the image at hand
+  CornerFinder corners_;
+  double marker_depth_m_ = 0.0;  // of the last markers; 0 without any
+  int next_surface_ = 0;
+  int frames_since_lot_ = 0;
+  double frame_s_ = 0.0;  // since the last frame
+
+  // Of the frame at hand.
+  std::vector<Candidate> candidates_;
+  std::vector<FeatureMatch> matches_;
+  std::vector<int> candidate_of_match_;
+  std::vector<char> accepted_;
+  std::vector<FoundCorner> found_corners_;
+  std::vector<SurfacePoint> neighbours_;
+  std::vector<char> occupied_;
+  std::vector<Shown> shown_;
+};
+
+}  // namespace waymark::slam
