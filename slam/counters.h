@@ -25,6 +25,8 @@ struct Counters {
   std::uint64_t refused_markers = 0;
   std::uint64_t full_scans = 0;
   std::uint64_t followed_frames = 0;
+  std::uint64_t busy_frames = 0;
+  std::uint64_t deferred_candidates = 0;
 };
 
 struct NamedCounter {
@@ -65,6 +67,10 @@ inline constexpr std::array kCounters = {
     NamedCounter{"full_scans", &Counters::full_scans, "frames searched as a whole"},
     NamedCounter{"followed_frames", &Counters::followed_frames,
                  "frames searched where markers were expected, and in turns"},
+    NamedCounter{"busy_frames", &Counters::busy_frames,
+                 "frames too busy to be searched as a whole; searched in turns"},
+    NamedCounter{"deferred_candidates", &Counters::deferred_candidates,
+                 "dark regions that may be markers, left for later frames"},
 };
 static_assert(sizeof(Counters) == kCounters.size() * sizeof(std::uint64_t), "one is missing here");
 

@@ -130,10 +130,24 @@ class Slam::Impl {
     }
     const StageScope scope(observer, Stage::kDetect);
     const auto expected = expectation_.update(map_, prediction, local_, follower_.followed());
-    const auto& found = follower_.find(*frame.image, frame.time.monotonic_ns, expected);
-    ++(follower_.mode() == SearchMode::kFullScan ? counters_.full_scans
-                                                 : counters_.followed_frames);
+    const auto& found = follower_.find(*frame.image, frame.time.monotonic_ns, expected, observer);
+    countSearch();
     return found;
+  }
+
+  void countSearch() {
+    switch (follower_.mode()) {
+      case SearchMode::kFullScan:
+        ++counters_.full_scans;
+        break;
+      case SearchMode::kFollowing:
+        ++counters_.followed_frames;
+        break;
+      case SearchMode::kInTurns:
+        ++counters_.busy_frames;
+        break;
+    }
+    counters_.deferred_candidates = follower_.work().deferred;
   }
 
   // What was under way and is done goes into the map before the next frame is tracked in it.

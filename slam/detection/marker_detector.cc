@@ -24,6 +24,17 @@ double diagonal(const MarkerDetection& d) { return diagonalOf(d.pixels); }
 
 constexpr std::size_t kMaxRejected = 256;  // what memory is taken for
 
+constexpr int kUnlimited = ScanBudget::kUnlimited;
+
+void spend(int what, int* left) {
+  if (*left != kUnlimited) *left = std::max(*left - what, 0);
+}
+
+int shareOf(int left, double share, int least) {
+  if (left == kUnlimited) return kUnlimited;
+  return std::max(static_cast<int>(share * left), least);
+}
+
 // Nothing, and why.
 std::nullopt_t count(int* reason) {
   ++*reason;
@@ -37,6 +48,7 @@ std::string DetectorOptions::invalidReason() const {
       scanner.invalidReason(),
       edges.invalidReason(),
       decoder.invalidReason(),
+      budget.invalidReason(),
       firstUnmet({
           {rejected_frames >= 0, "the frames of a rejected square must not be negative"},
           {isNotNegative(same_rejected),
@@ -59,9 +71,10 @@ MarkerDetector::MarkerDetector(const CameraModel& camera, Dictionary dictionary,
     : camera_(camera),
       options_(options),
       dictionary_(std::move(dictionary)),
-      scanner_(options.scanner),
+      scanner_(options.scanner, options.budget),
       refiner_(camera_, options.edges),
-      decoder_(camera_, dictionary_, options.decoder) {
+      decoder_(camera_, dictionary_, options.decoder),
+      picker_(options.budget.turn_share) {
   rejected_.reserve(kMaxRejected);
   rings_.reserve(static_cast<std::size_t>(dictionary_.size()));
   for (int id = 0; id < dictionary_.size(); ++id) rings_.push_back(InnerRing::of(dictionary_, id));
@@ -69,7 +82,8 @@ MarkerDetector::MarkerDetector(const CameraModel& camera, Dictionary dictionary,
 
 const std::vector<MarkerDetection>& MarkerDetector::detect(const ImageView& image) {
   begin();
-  scanWhole(image, {0, 0, image.width, image.height});
+  left_ = {};
+  (void)scan(image, {.window = {0, 0, image.width, image.height}});
   return finish();
 }
 
@@ -77,6 +91,7 @@ void MarkerDetector::begin() {
   measured_.clear();
   detections_.clear();
   counters_ = {};
+  left_ = budget_;
   std::erase_if(rejected_, [this](Rejected& rejected) {
     return ++rejected.frames > options_.rejected_frames;
   });
@@ -93,12 +108,18 @@ bool MarkerDetector::confirm(const ImageView& image, int id,
   return measured.has_value();
 }
 
-void MarkerDetector::scan(const ImageView& image, const SearchRegion& turn) {
-  if (turn.factor == 1) {
-    scanWhole(image, turn.window, turn.max_px);
-  } else {
-    scanReduced(image, turn);
-  }
+ScanOutcome MarkerDetector::scan(const ImageView& image, const SearchRegion& region, double share,
+                                 Runs runs) {
+  const ScanBudget allowed = allotment(share, runs);
+  return region.factor == 1 ? scanWhole(image, region, allowed)
+                            : scanReduced(image, region, allowed);
+}
+
+ScanBudget MarkerDetector::allotment(double share, Runs runs) const {
+  const ScanBudgetOptions& options = options_.budget;
+  return {runs == Runs::kUnbounded ? kUnlimited : left_.runs,
+          shareOf(left_.regions, share, options.least_regions),
+          shareOf(left_.candidates, share, options.least_candidates)};
 }
 
 const std::vector<MarkerDetection>& MarkerDetector::finish() {
@@ -107,12 +128,59 @@ const std::vector<MarkerDetection>& MarkerDetector::finish() {
   return detections_;
 }
 
-void MarkerDetector::scanWhole(const ImageView& image, const Window& window, int max_px) {
+// image: the region at the size it is searched at.
+QuadScan MarkerDetector::scanForQuads(const ImageView& image, const SearchRegion& region,
+                                      const ScanBudget& allowed) {
+  if (observer_ != nullptr) observer_->advance();
+  const QuadScan scan = scanner_.scan(image, region.max_px, allowed, region.turn);
+  spend(scan.runs, &left_.runs);
+  spend(scan.regions, &left_.regions);
+  work_.regions += static_cast<std::uint64_t>(scan.regions);
+  work_.compared += static_cast<std::uint64_t>(scan.compared);
+  work_.deferred += static_cast<std::uint64_t>(scan.deferred_regions);
+  promise_.assign(scan.promise.begin(), scan.promise.end());
+  return scan;
+}
+
+void MarkerDetector::deferCandidates(int most, std::uint32_t turn) {
+  const std::span<const std::uint32_t> picked = picker_.pick(promise_, most, turn);
+  work_.deferred += candidates_.size() - picked.size();
+  for (std::size_t i = 0; i < picked.size(); ++i) candidates_[i] = candidates_[picked[i]];
+  candidates_.resize(picked.size());
+}
+
+void MarkerDetector::countCandidate() {
+  if (observer_ != nullptr) observer_->advance();
+  spend(1, &left_.candidates);
+  ++work_.candidates;
+}
+
+ScanOutcome MarkerDetector::scanWhole(const ImageView& image, const SearchRegion& region,
+                                      const ScanBudget& allowed) {
+  const Window& window = region.window;
   const bool in_turn = window.width < image.width || window.height < image.height;
-  for (const Quad& found : scanner_.scan(partOf(image, window), max_px)) {
-    ++counters_.quads;
-    Quad quad = found;
+  const QuadScan scan = scanForQuads(partOf(image, window), region, allowed);
+  counters_.quads += static_cast<int>(scan.quads.size());
+  const bool too_many = scan.quads.size() > static_cast<std::size_t>(allowed.candidates);
+  candidates_.clear();
+  for (std::size_t i = 0; i < scan.quads.size(); ++i) {
+    Quad quad = scan.quads[i];
     for (Eigen::Vector2d& corner : quad) corner += Eigen::Vector2d(window.left, window.top);
+    // Where not all can be looked at, none is looked at again.
+    if (too_many && isKnown(quad)) {
+      ++counters_.doubled;
+      continue;
+    }
+    if (too_many && in_turn && wasRejected(quad)) {
+      ++counters_.rejected;
+      continue;
+    }
+    promise_[candidates_.size()] = promise_[i];
+    candidates_.push_back(quad);
+  }
+  promise_.resize(candidates_.size());
+  if (too_many) deferCandidates(allowed.candidates, region.turn);
+  for (const Quad& quad : candidates_) {
     if (isKnown(quad)) {
       ++counters_.doubled;
     } else if (in_turn && wasRejected(quad)) {
@@ -123,14 +191,19 @@ void MarkerDetector::scanWhole(const ImageView& image, const Window& window, int
       reject(quad);
     }
   }
+  return scan.too_busy ? ScanOutcome::kTooBusy : ScanOutcome::kDone;
 }
 
 // What may be a marker there is looked at where it is in the image itself.
-void MarkerDetector::scanReduced(const ImageView& image, const SearchRegion& turn) {
-  const Window& window = turn.window;
-  const int factor = turn.factor;
+ScanOutcome MarkerDetector::scanReduced(const ImageView& image, const SearchRegion& region,
+                                        const ScanBudget& allowed) {
+  const Window& window = region.window;
+  const int factor = region.factor;
+  const QuadScan scan =
+      scanForQuads(reducer_.reduce(partOf(image, window), factor), region, allowed);
   candidates_.clear();
-  for (Quad quad : scanner_.scan(reducer_.reduce(partOf(image, window), factor), turn.max_px)) {
+  for (std::size_t i = 0; i < scan.quads.size(); ++i) {
+    Quad quad = scan.quads[i];
     // The middle of a reduced pixel is in the middle of those it was made of.
     for (Eigen::Vector2d& corner : quad) {
       corner = factor * corner + Eigen::Vector2d(window.left, window.top) +
@@ -138,11 +211,26 @@ void MarkerDetector::scanReduced(const ImageView& image, const SearchRegion& tur
     }
     // Smaller ones are found at a larger size.
     if (factor > 2 && diagonalOf(quad) < options_.min_reduced_diagonal_px * factor) continue;
-    if (!isKnown(quad) && !wasRejected(quad)) candidates_.push_back(quad);
+    if (isKnown(quad) || wasRejected(quad)) continue;
+    promise_[candidates_.size()] = promise_[i];
+    candidates_.push_back(quad);
   }
-  for (const Quad& quad : candidates_) {
+  promise_.resize(candidates_.size());
+  if (candidates_.size() > static_cast<std::size_t>(allowed.candidates)) {
+    deferCandidates(allowed.candidates, region.turn);
+  }
+  std::swap(reduced_candidates_, candidates_);
+  const std::uint64_t looked_at = work_.candidates;
+  for (std::size_t i = 0; i < reduced_candidates_.size(); ++i) {
+    const Quad& quad = reduced_candidates_[i];
+    // The searches around them spend, too. What is left now comes first while these are rejected.
+    if (work_.candidates - looked_at >= static_cast<std::uint64_t>(allowed.candidates)) {
+      work_.deferred += reduced_candidates_.size() - i;
+      break;
+    }
     const auto corners = undistortCorners(camera_, quad);
     if (!corners) continue;
+    countCandidate();
     const QuadContent content = decoder_.read(image, *corners).content;
     const bool unreadable =
         diagonalOf(quad) < options_.readable_cell_px * factor * dictionary_.cells();
@@ -151,17 +239,20 @@ void MarkerDetector::scanReduced(const ImageView& image, const SearchRegion& tur
       continue;
     }
     const std::size_t before = measured_.size();
-    scanWhole(image, windowAround(quad, options_.reduced_margin_px + factor, image));
+    const Window around = windowAround(quad, options_.reduced_margin_px + factor, image);
+    (void)scanWhole(image, {.window = around, .turn = region.turn},
+                    allotment(0.0, Runs::kUnbounded));
     if (measured_.size() == before) reject(quad);
   }
+  return scan.too_busy ? ScanOutcome::kTooBusy : ScanOutcome::kDone;
 }
 
 bool MarkerDetector::wasRejected(const Quad& quad) {
   const Eigen::Vector2d centre = centreOf(quad);
   const double diagonal = diagonalOf(quad);
   const auto known = std::ranges::find_if(rejected_, [&](const Rejected& rejected) {
-    return (rejected.centre - centre).norm() < options_.same_rejected * diagonal &&
-           std::abs(rejected.diagonal - diagonal) < options_.same_rejected * diagonal;
+    return std::abs(rejected.diagonal - diagonal) < options_.same_rejected * diagonal &&
+           (rejected.centre - centre).norm() < options_.same_rejected * diagonal;
   });
   if (known == rejected_.end()) return false;
   known->centre = centre;
@@ -180,6 +271,7 @@ void MarkerDetector::reject(const Quad& quad) {
 // Most codes can be read with the corners as they were found, and most of what is no marker looks
 // like none: exact corners are for markers. Small ones are read with better corners.
 std::optional<MeasuredMarker> MarkerDetector::examine(const ImageView& image, const Quad& quad) {
+  countCandidate();
   auto corners = undistortCorners(camera_, quad);
   if (!corners) return count(&counters_.no_edge);
   std::optional<SideFits> edges;

@@ -1,6 +1,8 @@
 #include "slam/detection/search/scan_schedule.h"
 
+#include <array>
 #include <cstdint>
+#include <map>
 
 #include <gtest/gtest.h>
 
@@ -59,6 +61,21 @@ TEST(ScanSchedule, PartsLieWithinTheImageAndAreAFractionOfIt) {
     all_pixels += pixels;
   }
   EXPECT_LT(all_pixels / kFrames, kWidth * kHeight * 2 / 5);
+}
+
+// Also where frames, or nothing, says how many a round has.
+TEST(ScanSchedule, EachPartKnowsHowOftenItWasSearched) {
+  for (const double interval_s : {0.5, 1.0 / 60.0, 0.0}) {
+    ScanSchedule schedule(kWidth, kHeight);
+    std::map<std::array<int, 3>, std::uint32_t> turns;  // by place and factor
+    for (int frame = 0; frame < 1200; ++frame) {
+      for (const SearchRegion& region : schedule.next(interval_s)) {
+        const std::array place{region.window.left, region.window.top, region.factor};
+        EXPECT_EQ(region.turn, turns[place]++) << interval_s;
+      }
+    }
+    for (const auto& [place, times] : turns) EXPECT_GT(times, 1U);
+  }
 }
 
 // At frames that far apart there is no time for turns.

@@ -1,0 +1,32 @@
+#include "slam/detection/scan_budget.h"
+
+#include "slam/option_checks.h"
+
+namespace waymark::slam {
+
+std::string ScanBudgetOptions::invalidReason() const {
+  return firstUnmet({
+      {runs >= 0 && runs_per_mpx >= 0, "the runs of a frame must not be negative"},
+      {regions >= 0 && regions_per_mpx >= 0, "the regions of a frame must not be negative"},
+      {candidates >= 0 && candidates_per_mpx >= 0,
+       "the candidates of a frame must not be negative"},
+      {isShare(turn_share), "the share of what has its turn must be from 0 to 1"},
+      {isPositive(promising_light) && isPositive(promising_px),
+       "the light share and the size of what is promising must be positive"},
+      {isShare(lost_marker_share), "the share of a lost marker must be from 0 to 1"},
+      {least_regions >= 1 && least_candidates >= 1,
+       "a search must be allowed at least 1 region and 1 candidate"},
+      {busy_frames >= 2, "a busy image takes at least 2 frames"},
+  });
+}
+
+ScanBudget ScanBudget::ofFrame(const ScanBudgetOptions& options, int width, int height) {
+  const double mpx = 1e-6 * width * height;
+  const auto sum = [mpx](int fixed, int per_mpx) {
+    return static_cast<int>(fixed + mpx * per_mpx);
+  };
+  return {sum(options.runs, options.runs_per_mpx), sum(options.regions, options.regions_per_mpx),
+          sum(options.candidates, options.candidates_per_mpx)};
+}
+
+}  // namespace waymark::slam
