@@ -36,7 +36,7 @@ TEST(Options, EveryStageIsAsked) {
   expect([](Options* o) { o->detector.budget.candidates = -1; },
          "the candidates of a frame must not be negative");
   expect([](Options* o) { o->detector.budget.turn_share = 1.5; },
-         "the share of what has its turn must be from 0 to 1");
+         "the shares of what has its turn and of what comes first must be from 0 to 1");
   expect([](Options* o) { o->detector.scanner.same_corner_px = 0.0; },
          "the distance of same corners must be positive");
   expect([](Options* o) { o->detector.scanner.strict.share = 1.0; },

@@ -119,7 +119,8 @@ ScanBudget MarkerDetector::allotment(double share, Runs runs) const {
   const ScanBudgetOptions& options = options_.budget;
   return {runs == Runs::kUnbounded ? kUnlimited : left_.runs,
           shareOf(left_.regions, share, options.least_regions),
-          shareOf(left_.candidates, share, options.least_candidates)};
+          shareOf(left_.candidates, share, options.least_candidates),
+          shareOf(left_.futile_fits, share, options.least_fits)};
 }
 
 const std::vector<MarkerDetection>& MarkerDetector::finish() {
@@ -145,8 +146,12 @@ QuadScan MarkerDetector::scanForQuads(const ImageView& image, const SearchRegion
 void MarkerDetector::deferCandidates(int most, std::uint32_t turn) {
   const std::span<const std::uint32_t> picked = picker_.pick(promise_, most, turn);
   work_.deferred += candidates_.size() - picked.size();
-  for (std::size_t i = 0; i < picked.size(); ++i) candidates_[i] = candidates_[picked[i]];
+  for (std::size_t i = 0; i < picked.size(); ++i) {
+    candidates_[i] = candidates_[picked[i]];
+    promise_[i] = promise_[picked[i]];
+  }
   candidates_.resize(picked.size());
+  promise_.resize(picked.size());
 }
 
 void MarkerDetector::countCandidate() {
@@ -155,9 +160,15 @@ void MarkerDetector::countCandidate() {
   ++work_.candidates;
 }
 
+void MarkerDetector::countFutileFit() {
+  spend(1, &left_.futile_fits);
+  ++work_.futile_fits;
+}
+
 ScanOutcome MarkerDetector::scanWhole(const ImageView& image, const SearchRegion& region,
                                       const ScanBudget& allowed) {
   const Window& window = region.window;
+  const std::uint64_t deferred = work_.deferred;
   const bool in_turn = window.width < image.width || window.height < image.height;
   const QuadScan scan = scanForQuads(partOf(image, window), region, allowed);
   counters_.quads += static_cast<int>(scan.quads.size());
@@ -180,18 +191,38 @@ ScanOutcome MarkerDetector::scanWhole(const ImageView& image, const SearchRegion
   }
   promise_.resize(candidates_.size());
   if (too_many) deferCandidates(allowed.candidates, region.turn);
-  for (const Quad& quad : candidates_) {
+  examineAll(image, region, allowed);
+  return outcomeOf(scan, deferred, allowed);
+}
+
+void MarkerDetector::examineAll(const ImageView& image, const SearchRegion& region,
+                                const ScanBudget& allowed) {
+  const Window& window = region.window;
+  const bool in_turn = window.width < image.width || window.height < image.height;
+  const auto first_come =
+      static_cast<std::uint64_t>(options_.budget.first_come_share * allowed.futile_fits);
+  const std::uint64_t fits = work_.futile_fits;
+  unclear_.clear();
+  for (std::size_t i = 0; i < candidates_.size(); ++i) {
+    const Quad& quad = candidates_[i];
     if (isKnown(quad)) {
       ++counters_.doubled;
     } else if (in_turn && wasRejected(quad)) {
       ++counters_.rejected;
-    } else if (const auto measured = examine(image, quad)) {
-      measured_.push_back(*measured);
     } else {
-      reject(quad);
+      examine(image, quad, promise_[i], work_.futile_fits - fits < first_come);
     }
   }
-  return scan.too_busy ? ScanOutcome::kTooBusy : ScanOutcome::kDone;
+  if (unclear_.empty()) return;
+  fitUnclear(image, allowed.futile_fits - static_cast<int>(work_.futile_fits - fits), region.turn);
+}
+
+// Much more in later frames than in this one: better each part in its turn.
+ScanOutcome MarkerDetector::outcomeOf(const QuadScan& scan, std::uint64_t deferred_before,
+                                      const ScanBudget& allowed) const {
+  const std::uint64_t deferred = work_.deferred - deferred_before;
+  const bool too_busy = scan.too_busy || deferred > static_cast<std::uint64_t>(allowed.candidates);
+  return too_busy ? ScanOutcome::kTooBusy : ScanOutcome::kDone;
 }
 
 // What may be a marker there is looked at where it is in the image itself.
@@ -199,6 +230,7 @@ ScanOutcome MarkerDetector::scanReduced(const ImageView& image, const SearchRegi
                                         const ScanBudget& allowed) {
   const Window& window = region.window;
   const int factor = region.factor;
+  const std::uint64_t deferred = work_.deferred;
   const QuadScan scan =
       scanForQuads(reducer_.reduce(partOf(image, window), factor), region, allowed);
   candidates_.clear();
@@ -221,10 +253,12 @@ ScanOutcome MarkerDetector::scanReduced(const ImageView& image, const SearchRegi
   }
   std::swap(reduced_candidates_, candidates_);
   const std::uint64_t looked_at = work_.candidates;
+  const std::uint64_t fits = work_.futile_fits;
   for (std::size_t i = 0; i < reduced_candidates_.size(); ++i) {
     const Quad& quad = reduced_candidates_[i];
     // The searches around them spend, too. What is left now comes first while these are rejected.
-    if (work_.candidates - looked_at >= static_cast<std::uint64_t>(allowed.candidates)) {
+    if (work_.candidates - looked_at >= static_cast<std::uint64_t>(allowed.candidates) ||
+        work_.futile_fits - fits >= static_cast<std::uint64_t>(allowed.futile_fits)) {
       work_.deferred += reduced_candidates_.size() - i;
       break;
     }
@@ -242,9 +276,11 @@ ScanOutcome MarkerDetector::scanReduced(const ImageView& image, const SearchRegi
     const Window around = windowAround(quad, options_.reduced_margin_px + factor, image);
     (void)scanWhole(image, {.window = around, .turn = region.turn},
                     allotment(0.0, Runs::kUnbounded));
-    if (measured_.size() == before) reject(quad);
+    if (measured_.size() > before) continue;
+    countFutileFit();
+    reject(quad);
   }
-  return scan.too_busy ? ScanOutcome::kTooBusy : ScanOutcome::kDone;
+  return outcomeOf(scan, deferred, allowed);
 }
 
 bool MarkerDetector::wasRejected(const Quad& quad) {
@@ -269,24 +305,72 @@ void MarkerDetector::reject(const Quad& quad) {
 }
 
 // Most codes can be read with the corners as they were found, and most of what is no marker looks
-// like none: exact corners are for markers. Small ones are read with better corners.
-std::optional<MeasuredMarker> MarkerDetector::examine(const ImageView& image, const Quad& quad) {
+// like none: exact corners are for markers. Small ones are read with better corners; `may_fit`:
+// now, else they wait in unclear_.
+void MarkerDetector::examine(const ImageView& image, const Quad& quad, float promise,
+                             bool may_fit) {
   countCandidate();
-  auto corners = undistortCorners(camera_, quad);
-  if (!corners) return count(&counters_.no_edge);
-  std::optional<SideFits> edges;
-  QuadReading reading = decoder_.read(image, *corners);
-  if (reading.content == QuadContent::kNoCode) {
-    const auto rough = refiner_.refine(image, *corners, dictionary_.cells(), nullptr);
-    if (!rough) return count(&counters_.no_edge);
-    corners = rough->normalized;
-    edges = rough->edges;
-    reading = decoder_.read(image, *corners);
+  const auto corners = undistortCorners(camera_, quad);
+  if (!corners) {
+    ++counters_.no_edge;
+    return reject(quad);
   }
-  if (reading.content != QuadContent::kMarker) return count(&counters_.no_code);
-  const Dictionary::Match& match = reading.match;
-  if (edges) edges = upright(*edges, match.rotation);
-  return measure(image, match.id, upright(*corners, match.rotation), edges ? &*edges : nullptr);
+  const QuadReading reading = decoder_.read(image, *corners);
+  switch (reading.content) {
+    case QuadContent::kNothing:
+      ++counters_.no_code;
+      return reject(quad);
+    case QuadContent::kMarker:
+      return keep(quad, measure(image, reading.match.id, upright(*corners, reading.match.rotation),
+                                nullptr));
+    case QuadContent::kNoCode:
+      break;
+  }
+  if (may_fit) return keep(quad, readWithEdges(image, *corners));
+  const double half = 0.5 * dictionary_.side() * dictionary_.side();
+  const double likeness = reading.code
+                              ? std::max(1.0 - dictionary_.distanceTo(*reading.code) / half, 0.0)
+                              : options_.budget.rough_border_likeness;
+  unclear_.push_back({quad, *corners, promise * static_cast<float>(likeness)});
+}
+
+void MarkerDetector::fitUnclear(const ImageView& image, int most, std::uint32_t turn) {
+  promise_.clear();
+  for (const Unclear& unclear : unclear_) promise_.push_back(unclear.promise);
+  const std::span<const std::uint32_t> picked = picker_.pick(promise_, most, turn);
+  work_.deferred += unclear_.size() - picked.size();
+  for (const std::uint32_t i : picked) {
+    const Unclear& unclear = unclear_[i];
+    if (isKnown(unclear.quad)) {
+      ++counters_.doubled;
+    } else {
+      keep(unclear.quad, readWithEdges(image, unclear.corners));
+    }
+  }
+}
+
+std::optional<MeasuredMarker> MarkerDetector::readWithEdges(
+    const ImageView& image, const std::array<Eigen::Vector2d, 4>& corners) {
+  std::optional<MeasuredMarker> measured;
+  const auto rough = refiner_.refine(image, corners, dictionary_.cells(), nullptr);
+  const QuadReading reading = rough ? decoder_.read(image, rough->normalized) : QuadReading{};
+  if (reading.content == QuadContent::kMarker) {
+    const Dictionary::Match& match = reading.match;
+    const SideFits edges = upright(rough->edges, match.rotation);
+    measured = measure(image, match.id, upright(rough->normalized, match.rotation), &edges);
+  } else {
+    ++(rough ? counters_.no_code : counters_.no_edge);
+  }
+  if (!measured) countFutileFit();
+  return measured;
+}
+
+void MarkerDetector::keep(const Quad& quad, const std::optional<MeasuredMarker>& measured) {
+  if (measured) {
+    measured_.push_back(*measured);
+  } else {
+    reject(quad);
+  }
 }
 
 std::optional<MeasuredMarker> MarkerDetector::measure(const ImageView& image, int id,

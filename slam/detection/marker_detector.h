@@ -72,15 +72,16 @@ struct DetectorCounters {
 
 // What all scans have looked at.
 struct ScanWork {
-  std::uint64_t regions = 0;     // dark regions that quads were fitted to
-  std::uint64_t compared = 0;    // pairs of quads
-  std::uint64_t candidates = 0;  // quads that were looked at for a marker
-  std::uint64_t deferred = 0;    // regions and candidates that were left for later frames
+  std::uint64_t regions = 0;      // dark regions that quads were fitted to
+  std::uint64_t compared = 0;     // pairs of quads
+  std::uint64_t candidates = 0;   // quads that were looked at for a marker
+  std::uint64_t futile_fits = 0;  // of these, looked at closely in vain
+  std::uint64_t deferred = 0;     // regions and candidates that were left for later frames
 };
 
 enum class ScanOutcome {
   kDone,
-  kTooBusy,  // there was more than the budget allows; not all of it was searched
+  kTooBusy,  // there was much more than the budget allows
 };
 
 // A marker in an image, and how its edges look there.
@@ -140,13 +141,28 @@ class MarkerDetector {
   [[nodiscard]] ScanBudget allotment(double share, Runs runs) const;
   QuadScan scanForQuads(const ImageView& image, const SearchRegion& region,
                         const ScanBudget& allowed);
+  [[nodiscard]] ScanOutcome outcomeOf(const QuadScan& scan, std::uint64_t deferred_before,
+                                      const ScanBudget& allowed) const;
   // Leaves no more than `most` of candidates_.
   void deferCandidates(int most, std::uint32_t turn);
   void countCandidate();
+  void countFutileFit();
   // Whether it was rejected a few frames ago; it is there now.
   [[nodiscard]] bool wasRejected(const Quad& quad);
   void reject(const Quad& quad);
-  [[nodiscard]] std::optional<MeasuredMarker> examine(const ImageView& image, const Quad& quad);
+  // Looks at candidates_, of which there are no more than allowed.
+  void examineAll(const ImageView& image, const SearchRegion& region, const ScanBudget& allowed);
+  // A border without a code that can be read with these corners.
+  struct Unclear {
+    Quad quad;
+    std::array<Eigen::Vector2d, 4> corners;  // normalized
+    float promise;
+  };
+  void examine(const ImageView& image, const Quad& quad, float promise, bool may_fit);
+  void fitUnclear(const ImageView& image, int most, std::uint32_t turn);
+  [[nodiscard]] std::optional<MeasuredMarker> readWithEdges(
+      const ImageView& image, const std::array<Eigen::Vector2d, 4>& corners);
+  void keep(const Quad& quad, const std::optional<MeasuredMarker>& measured);
   // What was read with rough corners has to stand with exact ones. `corners`: upright.
   [[nodiscard]] std::optional<MeasuredMarker> measure(const ImageView& image, int id,
                                                       const std::array<Eigen::Vector2d, 4>& corners,
@@ -175,6 +191,7 @@ class MarkerDetector {
   std::vector<Quad> reduced_candidates_;
   std::vector<Quad> candidates_;
   std::vector<float> promise_;  // of candidates_
+  std::vector<Unclear> unclear_;
 };
 
 }  // namespace waymark::slam

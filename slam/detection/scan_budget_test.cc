@@ -75,6 +75,9 @@ class ScanBudgetTest : public ::testing::Test {
   [[nodiscard]] std::uint64_t candidates() const {
     return follower_.work().candidates - before_.candidates;
   }
+  [[nodiscard]] std::uint64_t futileFits() const {
+    return follower_.work().futile_fits - before_.futile_fits;
+  }
   [[nodiscard]] std::uint64_t regions() const { return follower_.work().regions - before_.regions; }
   // Of a frame, with what searches may look at however small they are.
   void expectWithinBudget() const {
@@ -86,6 +89,9 @@ class ScanBudgetTest : public ::testing::Test {
         << frame_;
     EXPECT_LE(regions(),
               static_cast<std::uint64_t>(most.regions + kSearches * options.least_regions))
+        << frame_;
+    EXPECT_LE(futileFits(),
+              static_cast<std::uint64_t>(most.futile_fits + kSearches * options.least_fits))
         << frame_;
   }
 
@@ -122,6 +128,31 @@ TEST_F(ScanBudgetTest, MarkersBeforeAPanelAreFoundSoonAndFollowed) {
   draw({5, 120, 560, 4}, &picture);
   for (frames = 0; show(picture) < 3 && frames < 100; ++frames) expectWithinBudget();
   EXPECT_LE(frames, kHalfASecond);
+}
+
+// Windows with bars have a border, and no code: edges of many are fitted in vain.
+TEST_F(ScanBudgetTest, MarkersBeforeAFacadeAreFoundSoonAndFollowed) {
+  testing::Picture facade(1280, 720, 210);
+  facade.paint(30, [](int x, int y) {
+    const int column = x % 36;
+    const int row = y % 48;
+    const bool bar = column / 2 == 8 || (x / 36 % 2 == 0 && row / 2 == 12 && column > 8);
+    return column >= 6 && column < 30 && row >= 6 && row < 42 && !bar;
+  });
+  for (int i = 0; i < kHalfASecond; ++i) {
+    EXPECT_EQ(show(facade), 0U);
+    expectWithinBudget();
+  }
+  EXPECT_GT(follower_.work().futile_fits, 0U);
+  draw({3, 300, 200, 6}, &facade);
+  draw({4, 900, 500, 3}, &facade);
+  int frames = 0;
+  for (; show(facade) < 2 && frames < 100; ++frames) expectWithinBudget();
+  EXPECT_LE(frames, kHalfASecond);
+  for (int i = 0; i < 30; ++i) {
+    EXPECT_EQ(show(facade), 2U) << i;
+    expectWithinBudget();
+  }
 }
 
 // What is followed may disappear all at once, as behind a hand with a grille.

@@ -3,7 +3,9 @@
 #include <algorithm>
 #include <cstdio>
 #include <functional>
+#include <iterator>
 #include <numeric>
+#include <optional>
 #include <set>
 #include <span>
 #include <string>
@@ -31,7 +33,6 @@ struct Run {
   std::vector<double> cpu_ms;           // by frame
   std::vector<std::set<int>> found;     // ids, by frame
   std::vector<slam::SearchMode> modes;  // by frame
-  std::uint64_t deferred = 0;
 };
 
 double mean(const std::vector<double>& values) {
@@ -58,7 +59,6 @@ class Runner {
     return best;
   }
 
- private:
   [[nodiscard]] Run once(int count, const slam::FollowerOptions& options,
                          const Frames& frames) const {
     slam::MarkerFollower follower(camera_, dictionary(), {}, options);
@@ -73,10 +73,10 @@ class Runner {
       for (const slam::MarkerDetection& detection : found) ids.insert(detection.id);
       run.modes.push_back(follower.mode());
     }
-    run.deferred = follower.work().deferred;
     return run;
   }
 
+ private:
   const PatternRunOptions& options_;
   const slam::CameraModel& camera_;
 };
@@ -129,11 +129,15 @@ std::vector<PlacedMarker> markersOf(const PatternRunOptions& options, bool with_
   return markers;
 }
 
-// To and fro.
-ImageView moved(const PatternPicture& picture, int frame) {
+// From 0 to the room there is, and back.
+int toAndFro(int way_px) {
   constexpr int kRoom = PatternPicture::kRoomPx;
-  const int way = 2 * frame % (2 * kRoom);
-  return picture.from(std::min(way, 2 * kRoom - way), frame % kRoom / 2);
+  const int place = way_px % (2 * kRoom);
+  return std::min(place, 2 * kRoom - place);
+}
+
+ImageView moved(const PatternPicture& picture, int frame) {
+  return picture.from(toAndFro(2 * frame), toAndFro(frame / 2));
 }
 
 // The first frame, counted from `from`, that has all of `ids`; empty when none has.
@@ -154,6 +158,19 @@ std::string framesText(const std::optional<int>& frames) {
   return frames ? std::to_string(*frames) : "never";
 }
 
+// Of `ids`, those that are found by looking at everything in the first frames: what lies before a
+// pattern may be none to be found.
+std::set<int> findable(const Runner& runner, const Frames& frames, const std::set<int>& ids) {
+  constexpr int kFrames = 2;
+  slam::FollowerOptions everything;
+  everything.enabled = false;
+  const Run run = runner.once(kFrames, everything, frames);
+  std::set<int> found;
+  std::ranges::copy_if(ids, std::inserter(found, found.end()),
+                       [&](int id) { return framesWithout(run, 0, id) == 0; });
+  return found;
+}
+
 bool runPattern(const PatternRunOptions& options, const NamedPattern& named,
                 const Ordinary& ordinary) {
   const slam::CameraModel camera = pinhole(options.width, options.height);
@@ -171,25 +188,26 @@ bool runPattern(const PatternRunOptions& options, const NamedPattern& named,
   const int come = options.frames;
   const Run followed =
       runner.run(2 * options.frames, {}, [&](int k) { return moved(k < come ? some : all, k); });
-  const auto found_first = firstWith(first, 0, {3, 7, 11, 19});
+  const std::set<int> there =
+      findable(runner, [&](int k) { return moved(all, k); }, {3, 7, 11, 19});
+  const auto found_first = firstWith(first, 0, there);
   const auto begun = firstWith(followed, 0, {3, 7});
-  const auto found_new = firstWith(followed, static_cast<std::size_t>(come), {3, 7, 11, 19});
+  const auto found_new = firstWith(followed, static_cast<std::size_t>(come), there);
   const int lost_frames = begun ? framesWithout(followed, static_cast<std::size_t>(*begun), 3) +
                                       framesWithout(followed, static_cast<std::size_t>(*begun), 7)
                                 : 2 * come;
   const double ordinary_ms = mean(ordinary.full_scans.cpu_ms);
-  const double worst_ms =
-      std::max({worst(lost.cpu_ms), worst(first.cpu_ms), worst(followed.cpu_ms)});
+  const double worst_ms = std::max(worst(lost.cpu_ms), worst(first.cpu_ms));
   const std::vector<double> after(followed.cpu_ms.begin() + begun.value_or(0) + 1,
                                   followed.cpu_ms.end());
-  std::printf("%-9s %9.2f %9.2f %6.1f %9.2f %9.2f %6.1f %11s %9s %6d\n",
-              std::string(named.name).c_str(), mean(lost.cpu_ms), worst(lost.cpu_ms),
-              worst(lost.cpu_ms) / ordinary_ms, mean(after), worst(after),
-              worst(after) / mean(ordinary.following.cpu_ms), framesText(found_first).c_str(),
-              framesText(found_new).c_str(), lost_frames);
+  std::printf("%-9s %8.2f %8.2f %6.1f %10.2f %8.2f %6.1f %9zu %12s %10s %7d\n",
+              std::string(named.name).c_str(), mean(lost.cpu_ms), worst_ms, worst_ms / ordinary_ms,
+              mean(after), worst(after), worst(after) / ordinary_ms, there.size(),
+              framesText(found_first).c_str(), framesText(found_new).c_str(), lost_frames);
   const auto most = static_cast<int>(kFindWithin_s * options.rate_hz);
-  return worst_ms <= kMostTimesOrdinary * ordinary_ms && found_first.value_or(most + 1) <= most &&
-         found_new.value_or(most + 1) <= most && lost_frames == 0;
+  return std::max(worst_ms, worst(after)) <= kMostTimesOrdinary * ordinary_ms &&
+         found_first.value_or(most + 1) <= most && found_new.value_or(most + 1) <= most &&
+         lost_frames == 0;
 }
 
 }  // namespace
@@ -203,8 +221,8 @@ std::optional<bool> runPatterns(const PatternRunOptions& options) {
       options.width, options.height, options.frames, mean(ordinary->full_scans.cpu_ms),
       worst(ordinary->full_scans.cpu_ms), mean(ordinary->following.cpu_ms),
       worst(ordinary->following.cpu_ms));
-  std::printf("%-9s %9s %9s %6s %9s %9s %6s %11s %9s %6s\n", "", "no marker", "worst", "times",
-              "following", "worst", "times", "found after", "new after", "missed");
+  std::printf("%-9s %8s %8s %6s %10s %8s %6s %9s %12s %10s %7s\n", "", "in view", "worst", "times",
+              "following", "worst", "times", "findable", "found after", "new after", "missed");
   bool within = true;
   for (const NamedPattern& named : kPatterns) {
     within = runPattern(options, named, *ordinary) && within;

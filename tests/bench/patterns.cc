@@ -52,6 +52,8 @@ void PatternPicture::fill(int left, int top, int width, int height, const Level&
 
 void PatternPicture::paint(Pattern pattern, simulator::Random* random) {
   switch (pattern) {
+    case Pattern::kNone:
+      break;
     case Pattern::kSquares:
       fill(0, 0, width_, height_,
            [](int x, int y, float) { return x % 10 < 8 && y % 10 < 8 ? kDark : kLight; });

@@ -13,7 +13,7 @@
 
 namespace waymark::bench {
 
-enum class Pattern : std::uint8_t { kSquares, kDiscs, kWindows, kText, kFoliage, kNoise };
+enum class Pattern : std::uint8_t { kNone, kSquares, kDiscs, kWindows, kText, kFoliage, kNoise };
 
 struct NamedPattern {
   Pattern pattern;
@@ -21,6 +21,7 @@ struct NamedPattern {
 };
 
 inline constexpr std::array kPatterns = {
+    NamedPattern{Pattern::kNone, "none"},        // a light wall, to compare with
     NamedPattern{Pattern::kSquares, "squares"},  // a perforated panel: 8 px every 10
     NamedPattern{Pattern::kDiscs, "discs"},      // a loudspeaker's grille: 8 px every 11
     NamedPattern{Pattern::kWindows, "windows"},  // a facade: 24 x 36 px, some with bars or blinds

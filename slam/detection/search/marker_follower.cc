@@ -122,15 +122,17 @@ const MeasuredMarker* MarkerFollower::searchAround(const ImageView& image, const
   return found == measured.end() ? nullptr : &*found;
 }
 
-// At once; where there is too much for that, in turns.
+// At once; where there is too much for that, in turns from the next frame on.
 void MarkerFollower::scanWhole(const ImageView& image, double interval_s) {
-  if (!isBusy()) {
-    const SearchRegion whole{.window = {0, 0, image.width, image.height}, .turn = whole_scans_++};
-    if (detector_.scan(image, whole) == ScanOutcome::kDone) return;
-    becomeBusy();
+  if (isBusy()) {
+    mode_ = SearchMode::kInTurns;
+    scanAll(image, schedule_.next(interval_s, budget_.busy_frames));
+    return;
   }
+  const SearchRegion whole{.window = {0, 0, image.width, image.height}, .turn = whole_scans_++};
+  if (detector_.scan(image, whole) == ScanOutcome::kDone) return;
   mode_ = SearchMode::kInTurns;
-  scanAll(image, schedule_.next(interval_s, budget_.busy_frames));
+  becomeBusy();
 }
 
 void MarkerFollower::scanTurns(const ImageView& image, double interval_s,
@@ -156,9 +158,7 @@ void MarkerFollower::scanAll(const ImageView& image, std::span<const SearchRegio
 }
 
 // Until all of it has had its turn.
-void MarkerFollower::becomeBusy() {
-  busy_frames_ = budget_.busy_frames * options_.schedule.small_rounds;
-}
+void MarkerFollower::becomeBusy() { busy_frames_ = 2 * budget_.busy_frames; }
 
 // A few a frame, one after the other: some never come, hidden by what the map does not know of.
 void MarkerFollower::lookForNewcomers(const ImageView& image,

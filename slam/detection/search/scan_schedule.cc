@@ -52,9 +52,11 @@ std::span<const SearchRegion> ScanSchedule::next(double interval_s, int least_fr
 void ScanSchedule::beginRound(double interval_s, int least_frames) {
   const auto most = static_cast<double>(std::max(options_.max_frames, least_frames));
   const double frames = interval_s > 0.0 ? options_.round_s / interval_s : most;
-  frames_ = static_cast<int>(std::clamp(frames, static_cast<double>(least_frames), most));
+  const double least = least_frames > 1 ? 2.0 : 1.0;  // in one, it is not searched in parts
+  frames_ = static_cast<int>(std::clamp(frames, least, most));
   for (Level& level : levels_) {
-    divide(&level, level.factor == 1 ? options_.small_rounds * frames_ : frames_);
+    divide(&level, level.factor == 1 ? std::max(options_.small_rounds * frames_, 2 * least_frames)
+                                     : std::max(frames_, least_frames));
   }
 }
 

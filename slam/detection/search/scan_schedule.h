@@ -35,7 +35,8 @@ class ScanSchedule {
   ScanSchedule(int width, int height, const ScanScheduleOptions& options = {});
 
   // The parts whose turn it is, as evenly as may be from frame to frame. interval_s: since the
-  // frame before; least_frames: that a round is spread over. Valid until the next call.
+  // frame before. least_frames: each reduced size is spread over so many frames at least, and the
+  // full one over twice as many. Valid until the next call.
   std::span<const SearchRegion> next(double interval_s, int least_frames = 1);
   // The largest factor.
   [[nodiscard]] int coarsest() const { return levels_.front().factor; }
