@@ -1,6 +1,7 @@
 #include "slam/loop_closure/loop_closer.h"
 
 #include <algorithm>
+#include <map>
 #include <numeric>
 #include <utility>
 
@@ -8,6 +9,7 @@
 
 #include "slam/geometry/robust.h"
 #include "slam/geometry/two_hypotheses.h"
+#include "slam/loop_closure/loop_region.h"
 #include "slam/optimization/map_fit.h"
 #include "slam/option_checks.h"
 
@@ -139,6 +141,8 @@ Transform backToTheWorld(const BundleProblem& before, const BundleProblem& after
 // What every candidate starts from, and is compared with.
 struct Before {
   Subproblem part;
+  bool is_whole = true;                     // the part is all of the map
+  KeyframeId newest = -1;                   // of the map
   std::vector<std::vector<int>> by_marker;  // cameras
   PoseGraph graph;
   double residual_sigma = 1.0;
@@ -146,14 +150,36 @@ struct Before {
   double cost = 0.0;
 };
 
-Task<Before> prepare(const Map& map, const MarkerOptions& markers, const LoopOptions& options,
-                     Budget* budget) {
+double priorCostOf(const BundleProblem& problem) {
+  double cost = 0.0;
+  for (const auto& prior : problem.priors) {
+    const Vector6d e = prior.T_w_m.localCoordinates(problem.markers[at(prior.marker)].T);
+    cost += e.dot(prior.information * e);
+  }
+  return cost;
+}
+
+// Of the region, or of the whole map.
+Task<Before> prepare(const Map& map, std::optional<LoopRegion> region, const MarkerOptions& markers,
+                     const LoopOptions& options, Budget* budget) {
   Before before;
-  before.part = co_await buildSubproblem(map, wholeMap(map), markers, budget);
+  before.is_whole = !region;
+  if (region) before.newest = region->newest;
+  SubproblemMembers members = before.is_whole ? wholeMap(map) : std::move(region->part);
+  before.part = co_await buildSubproblem(map, std::move(members), markers, budget);
+  // One that sees nothing moves with the closing frame.
+  if (before.is_whole && !before.part.keyframes.empty()) {
+    before.newest = before.part.keyframes.back();
+  }
   const MapFit fit = co_await fitOf(before.part.problem, budget);
   before.residual_sigma = fit.residual_sigma;
   before.huber = fit.residual_sigma * options.optimization.huber;
   before.cost = costOf(fit.squared, before.huber);
+  if (!before.is_whole) {
+    (void)co_await attachToRest(map, std::move(region->rest), markers, before.huber, &before.part,
+                                budget);
+    before.cost += priorCostOf(before.part.problem);
+  }
   before.by_marker = camerasByMarker(before.part.problem);
   before.graph =
       co_await covisibilityGraph(before.part.problem, options.edges_per_keyframe, budget);
@@ -187,8 +213,8 @@ Task<BundleProblem> correctedProblem(const Before& before, const LoopFrame& loop
     const int marker = part.markerIndex(detection.id);
     if (marker >= 0) corrected.observations.push_back({t, marker, &detection});
   }
-  // The graph held the closing camera.
-  const Transform T_v_w = backToTheWorld(part.problem, corrected);
+  // The graph held the closing camera. The rest of the map, if any, holds all of the part.
+  const Transform T_v_w = before.is_whole ? backToTheWorld(part.problem, corrected) : Transform{};
   for (auto& camera : corrected.cameras) camera.T = T_v_w * camera.T;
   for (auto& marker : corrected.markers) marker.T = T_v_w * marker.T;
   for (std::size_t i = 0; i < part.problem.cameras.size(); ++i) {
@@ -221,7 +247,8 @@ Task<Candidate> tryCandidate(const Before& before, const LoopFrame& loop, const 
   const std::span<const double> squared(fit.squared);
   const auto old_views = squared.first(4 * before.part.problem.observations.size());
   const auto closing = squared.subspan(old_views.size());
-  candidate.growth = (costOf(old_views, before.huber) - before.cost) / unit;
+  const double of_rest = before.is_whole ? 0.0 : priorCostOf(adjuster.problem());
+  candidate.growth = (costOf(old_views, before.huber) + of_rest - before.cost) / unit;
   candidate.closing_error = costOf(closing, before.huber) / unit /
                             static_cast<double>(std::max(closing.size(), std::size_t{1}));
   co_return candidate;
@@ -252,6 +279,74 @@ std::optional<LoopRejection> rejectionOf(const Candidate& best,
   return much_worse ? std::nullopt : std::optional(LoopRejection::kAmbiguous);
 }
 
+Task<LoopOutcome> closeIn(const Before& before, const LoopFrame& loop, const LoopOptions& options,
+                          Budget* budget) {
+  if (before.part.keyframes.empty()) co_return LoopRejection::kNoEvidence;
+  std::optional<Candidate> best;
+  std::optional<Candidate> other;
+  for (const Transform& expected : loop.expected) {
+    Candidate candidate = co_await tryCandidate(before, loop, expected, options, budget);
+    if (best && candidate.growth >= best->growth) {
+      other = std::move(candidate);
+    } else {
+      other = std::move(best);
+      best = std::move(candidate);
+    }
+  }
+  const double allowed = allowedGrowth(before, loop.loop_markers.size(), options);
+  if (const auto rejection = rejectionOf(*best, other, allowed, options)) co_return *rejection;
+  ClosedLoop closed{std::move(best->correction), !before.is_whole, before.newest, loop.frame, {}};
+  closed.T_w_tracked = std::exchange(closed.closing.T_w_c, best->T_w_closing);
+  co_return closed;
+}
+
+struct MovedMarker {
+  int id = -1;
+  Transform T_w_m;      // as it was
+  Transform T_new_old;  // how it moves, unless the correction says where to
+};
+
+// All of them: what is newer than the correction moves with the closing frame.
+std::vector<MovedMarker> movedWithMap(const Transform& T_new_old, const Map& map) {
+  std::vector<MovedMarker> moved;
+  for (const auto& [id, marker] : map.markers()) {
+    if (marker.T_w_m) moved.push_back({id, *marker.T_w_m, T_new_old});
+  }
+  return moved;
+}
+
+// Those of the part, and those placed since it was taken: they move as the oldest keyframe that
+// sees them does.
+std::vector<MovedMarker> movedWithPart(const ClosedLoop& loop, const Transform& T_new_old,
+                                       const Map& map) {
+  std::map<int, MovedMarker> moved;
+  const auto consider = [&](const Keyframe& keyframe, const Transform& T_of_keyframe) {
+    for (const MarkerDetection& detection : keyframe.detections) {
+      const MapMarker* const marker = map.findPosed(detection.id);
+      if (marker == nullptr || map.viewsOf(detection.id).front() != keyframe.id) continue;
+      moved[detection.id] = {detection.id, *marker->T_w_m, T_of_keyframe};
+    }
+  };
+  for (const auto& [id, T_w_c] : loop.correction.keyframes) {
+    const auto found = map.keyframes().find(id);
+    if (found != map.keyframes().end()) {
+      consider(found->second, T_w_c * found->second.T_w_c.inverse());
+    }
+  }
+  for (auto it = map.keyframes().upper_bound(loop.newest); it != map.keyframes().end(); ++it) {
+    consider(it->second, T_new_old);
+  }
+  for (const auto& corrected : loop.correction.markers) {
+    const int id = corrected.marker.id;
+    if (const MapMarker* const marker = map.findPosed(id)) {
+      moved.insert({id, {id, *marker->T_w_m, Transform{}}});
+    }
+  }
+  std::vector<MovedMarker> list;
+  for (const auto& [id, marker] : moved) list.push_back(marker);
+  return list;
+}
+
 }  // namespace
 
 std::string LoopOptions::invalidReason() const {
@@ -270,6 +365,7 @@ std::string LoopOptions::invalidReason() const {
           {isNotNegative(ambiguity_floor), "the floor of a loop's ambiguity must not be negative"},
           {isNotNegative(cost_per_view), "the cost of a loop's view must not be negative"},
           {isPositive(frames_to_close), "the frames of a loop closure must be positive"},
+          {max_views >= 0, "the views that a loop closure moves must not be negative"},
       }),
       pose_graph.invalidReason(),
       optimization.invalidReason(),
@@ -278,46 +374,55 @@ std::string LoopOptions::invalidReason() const {
 
 Task<LoopOutcome> closeLoop(const Map& map, LoopFrame loop, const MarkerOptions& markers,
                             LoopOptions options, Budget* budget) {
-  const Before before = co_await prepare(map, markers, options, budget);
-  if (loop.expected.empty() || before.part.keyframes.empty()) co_return LoopRejection::kNoEvidence;
-  std::optional<Candidate> best;
-  std::optional<Candidate> other;
-  for (const Transform& expected : loop.expected) {
-    Candidate candidate = co_await tryCandidate(before, loop, expected, options, budget);
-    if (best && candidate.growth >= best->growth) {
-      other = std::move(candidate);
-    } else {
-      other = std::move(best);
-      best = std::move(candidate);
+  if (loop.expected.empty()) co_return LoopRejection::kNoEvidence;
+  if (closesInPart(map, options)) {
+    const auto max_views = static_cast<std::size_t>(options.max_views);
+    std::optional<LoopRegion> region =
+        co_await loopRegion(map, loop.reference, loop.loop_markers, max_views, budget);
+    if (region) {
+      const Before part = co_await prepare(map, std::move(region), markers, options, budget);
+      LoopOutcome outcome = co_await closeIn(part, loop, options, budget);
+      const auto* const rejection = std::get_if<LoopRejection>(&outcome);
+      if (rejection == nullptr || *rejection != LoopRejection::kContradicted || loop.is_near) {
+        co_return outcome;
+      }
     }
   }
-  const double allowed = allowedGrowth(before, loop.loop_markers.size(), options);
-  if (const auto rejection = rejectionOf(*best, other, allowed, options)) co_return *rejection;
-  ClosedLoop closed{std::move(best->correction), std::move(loop.frame), {}};
-  closed.T_w_tracked = std::exchange(closed.closing.T_w_c, best->T_w_closing);
-  co_return closed;
+  const Before whole = co_await prepare(map, std::nullopt, markers, options, budget);
+  co_return co_await closeIn(whole, loop, options, budget);
+}
+
+bool closesInPart(const Map& map, const LoopOptions& options) {
+  if (options.max_views == 0) return false;
+  const auto max_views = static_cast<std::size_t>(options.max_views);
+  std::size_t views = 0;
+  for (const auto& [id, keyframe] : map.keyframes()) {
+    views += keyframe.detections.size();
+    if (views > max_views) return true;
+  }
+  return false;
 }
 
 std::optional<KeyframeId> adopt(const ClosedLoop& loop, Map* map) {
   if (loop.correction.epoch != map->epoch()) return std::nullopt;
-  // What is newer than the correction moves with the closing frame; a marker's second hypothesis
-  // moves with its first.
   const Transform T_new_old = loop.closing.T_w_c * loop.T_w_tracked.inverse();
-  const KeyframeId newest = loop.correction.keyframes.back().id;
-  for (auto it = map->keyframes().upper_bound(newest); it != map->keyframes().end(); ++it) {
+  // By marker: where it was, and how it moves where the correction does not say.
+  std::vector<MovedMarker> moved =
+      loop.of_a_part ? movedWithPart(loop, T_new_old, *map) : movedWithMap(T_new_old, *map);
+  for (auto it = map->keyframes().upper_bound(loop.newest); it != map->keyframes().end(); ++it) {
     map->setKeyframePose(it->first, T_new_old * it->second.T_w_c);
   }
-  std::vector<std::pair<int, Transform>> firsts;
-  for (const auto& [id, marker] : map->markers()) {
-    if (!marker.T_w_m) continue;
-    map->place(id, T_new_old * *marker.T_w_m, marker.other_T_w_m, marker.covariance);
-    if (marker.other_T_w_m) firsts.emplace_back(id, *marker.T_w_m);
+  for (const MovedMarker& marker : moved) {
+    const MapMarker& known = *map->findPosed(marker.id);
+    map->place(marker.id, marker.T_new_old * marker.T_w_m, known.other_T_w_m, known.covariance);
   }
   (void)apply(loop.correction, map);
-  for (const auto& [id, T_w_m] : firsts) {
-    const MapMarker& marker = *map->findPosed(id);
-    map->place(id, *marker.T_w_m, *marker.T_w_m * T_w_m.inverse() * T_new_old * *marker.other_T_w_m,
-               marker.covariance);
+  // A marker's second hypothesis moves with its first.
+  for (const MovedMarker& marker : moved) {
+    const MapMarker& known = *map->findPosed(marker.id);
+    if (!known.other_T_w_m) continue;
+    map->place(marker.id, *known.T_w_m, *known.T_w_m * marker.T_w_m.inverse() * *known.other_T_w_m,
+               known.covariance);
   }
   map->beginEpoch();
   Keyframe closing = loop.closing;

@@ -58,6 +58,12 @@ struct LoopOptions {
   // together. More than Options::work_per_frame only in large maps.
   double cost_per_view = 20.0;
   double frames_to_close = 60.0;
+  // Views that a closure is to move: a map with more is corrected around the loop first, as far as
+  // so many views reach, and as a whole only where both ends are not connected there or the
+  // correction does not fit. That bounds a frame's work whatever the size of the map, but the rest
+  // of a large map keeps its share of the drift: centimetres in a hall where whole corrections
+  // leave millimetres. 0: always the whole map.
+  int max_views = 0;
 
   // Empty when usable, else what is wrong.
   [[nodiscard]] std::string invalidReason() const;
@@ -69,10 +75,15 @@ struct LoopFrame {
   std::vector<int> loop_markers;    // L(t) of Eq. 35, those of them that agree with each other
   std::vector<Transform> expected;  // gamma-dot^t: one pose, or the two of an ambiguous marker
   KeyframeId reference = -1;        // f^omega
+  // Its other end belongs to the reference's own neighbourhood: in a large map, a correction that
+  // the surroundings of the two contradict is not tried on the whole.
+  bool is_near = false;
 };
 
 struct ClosedLoop {
-  MapCorrection correction;  // of the map as it was when the closing began
+  MapCorrection correction;  // of the map, or the part of it, as it was when the closing began
+  bool of_a_part = false;    // what is older and not in it stays
+  KeyframeId newest = -1;    // when the closing began
   Keyframe closing;          // the closing frame, where it belongs
   Transform T_w_tracked;     // and where it was tracked
 };
@@ -89,6 +100,10 @@ enum class LoopRejection {
 using LoopOutcome = std::variant<ClosedLoop, LoopRejection>;
 Task<LoopOutcome> closeLoop(const Map& map, LoopFrame loop, const MarkerOptions& markers,
                             LoopOptions options, Budget* budget);
+
+// Whether a closure is to move no more than a part of the map: what the optimizations change of it
+// meanwhile would not fit the part afterwards.
+[[nodiscard]] bool closesInPart(const Map& map, const LoopOptions& options);
 
 // Corrects the map, and adds the closing frame to it: its id is returned. What came since the
 // closing began moves with that frame. Empty, and nothing is done, when the map's coordinates are

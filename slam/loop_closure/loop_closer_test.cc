@@ -1,6 +1,7 @@
 #include "slam/loop_closure/loop_closer.h"
 
 #include <algorithm>
+#include <cmath>
 #include <numbers>
 #include <random>
 
@@ -286,6 +287,125 @@ TEST_F(LoopCloserTest, EmptyKeyframesAndSecondHypotheses) {
   // Only its orientation matters (which of the two has the evidence found?); the optimization after
   // Eq. 40 does not move it.
   EXPECT_LT(rotationDistance(marker.other_T_w_m->R, (*marker.T_w_m * flip).R), 0.1);
+}
+
+// Along a wall at the height of its lower row of markers, and back higher up: where both rows are
+// in view at first, until the camera rises and sees the upper one alone. There the map drifts, and
+// then a view shows both again.
+class LargeMapTest : public LoopCloserTest {
+ protected:
+  static constexpr double kApart_m =
+      4.0;  // this far from the start the way back leaves the lower row
+  static constexpr double kEnd_m = 1.0;   // of the way back
+  static constexpr KeyframeId kFar = 35;  // of the way there, far from what drifts
+
+  LargeMapTest() {
+    options_.size_m = kSize;
+    loops_.max_views = 180;
+    for (int row = 0; row < 2; ++row) {
+      for (int column = -1; column <= 21; ++column) {
+        const Eigen::Vector3d centre(0.5 * column, 3.0, row);
+        markers_.push_back({static_cast<int>(markers_.size()),
+                            testing::markerFacing(centre, {0.5 * column + 0.3, 0.0, 0.3})});
+      }
+    }
+    for (double x = 0.0; x <= 10.0; x += 0.25) views_.push_back(at(x, 0.1));
+    for (double x = 10.0; x >= kEnd_m; x -= 0.25) views_.push_back(at(x, x < kApart_m ? 1.2 : 0.5));
+    map_ = testing::trueMap(camera_, views_, markers_, kSize, 0.05, &rng_);
+    (void)optimizeGlobally(&map_, options_, {.max_iterations = 50});
+    drift();
+  }
+
+  static Transform at(double x_m, double z_m) {
+    return testing::lookAt({x_m, 1.5, z_m}, {x_m, 3.0, z_m});
+  }
+  static Transform driftAt(double x_m) {
+    const double share = std::max(0.0, (kApart_m - x_m) / (kApart_m - kEnd_m));
+    const Vector6d whole = (Vector6d() << 0.02, -0.01, 0.015, 0.002, -0.002, 0.003).finished();
+    return Transform{}.retract(share * whole);
+  }
+  void drift() {
+    for (const auto& [id, keyframe] : map_.keyframes()) {
+      if (id > 40) map_.setKeyframePose(id, driftAt(keyframe.T_w_c.p.x()) * keyframe.T_w_c);
+    }
+    for (const auto& [id, marker] : map_.markers()) {
+      if (id >= 23) map_.place(id, driftAt(marker.T_w_m->p.x()) * *marker.T_w_m);
+    }
+  }
+  [[nodiscard]] LoopFrame bothRows() { return loopFrame(map_, see(at(kEnd_m, 0.5), 0.05)); }
+  [[nodiscard]] LoopOutcome closeLarge(const LoopFrame& loop) const {
+    return runToCompletion([&](Budget* a) { return closeLoop(map_, loop, options_, loops_, a); });
+  }
+
+  Map map_;
+  LoopOptions loops_;
+};
+
+TEST_F(LargeMapTest, IsCorrectedAroundTheLoop) {
+  const Map before = map_;
+  ASSERT_GT(keyframeError(map_), 0.02);
+  const LoopOutcome outcome = closeLarge(bothRows());
+  const auto* const closed = std::get_if<ClosedLoop>(&outcome);
+  ASSERT_TRUE(closed != nullptr);
+  EXPECT_TRUE(closed->of_a_part);
+  EXPECT_LT(closed->correction.keyframes.size(), before.keyframes().size() * 2 / 3);
+  const auto closing = adopt(*closed, &map_);
+  ASSERT_TRUE(closing);
+  EXPECT_LT(keyframeError(map_), 0.2 * keyframeError(before));
+  EXPECT_LT(markerError(map_), 0.2 * markerError(before));
+  EXPECT_LT((map_.keyframes().at(*closing).T_w_c.p - at(kEnd_m, 0.5).p).norm(), 0.003);
+  // Far from it nothing has moved.
+  for (KeyframeId id = kFar; id <= 40; ++id) {
+    EXPECT_EQ(map_.keyframes().at(id).T_w_c.p, before.keyframes().at(id).T_w_c.p) << id;
+  }
+  EXPECT_EQ(map_.find(20)->T_w_m->p, before.find(20)->T_w_m->p);
+}
+
+// What the map has got by the end moves with what it hangs on; what is older and far away does not.
+TEST_F(LargeMapTest, WhatCameMeanwhileMovesWithTheClosingFrame) {
+  const LoopFrame loop = bothRows();
+  SlicedTask<LoopOutcome> task(
+      [&](Budget* a) { return closeLoop(map_, loop, options_, loops_, a); });
+  ASSERT_FALSE(task.advance(100.0));
+  const Transform T_closing_late{expSo3({0.0, 0.05, 0.0}), {0.1, 0.0, 0.2}};
+  Keyframe late{-1, 0, 0, loop.frame.T_w_c * T_closing_late, {}};
+  late.detections.push_back(*map_.keyframes().at(kFar).find(20));  // seen afar, too
+  late.detections.push_back(*map_.keyframes().at(kFar).find(20));
+  late.detections.change([](auto* detections) { detections->back().id = 99; });
+  map_.addMarker(99, kSize);
+  map_.place(99, loop.frame.T_w_c * T_closing_late, loop.frame.T_w_c);
+  const KeyframeId newest = map_.addKeyframe(late);
+  const Transform T_far = *map_.find(20)->T_w_m;
+  while (!task.advance(100.0)) continue;
+  const LoopOutcome outcome = task.take();
+  ASSERT_TRUE(std::holds_alternative<ClosedLoop>(outcome));
+  const auto closing = adopt(std::get<ClosedLoop>(outcome), &map_);
+  ASSERT_TRUE(closing);
+  const Transform expected = map_.keyframes().at(*closing).T_w_c * T_closing_late;
+  EXPECT_LT((map_.keyframes().at(newest).T_w_c.p - expected.p).norm(), 1e-9);
+  EXPECT_LT((map_.find(99)->T_w_m->p - expected.p).norm(), 1e-9);
+  EXPECT_LT((map_.find(99)->other_T_w_m->p - map_.keyframes().at(*closing).T_w_c.p).norm(), 1e-9);
+  EXPECT_EQ(map_.find(20)->T_w_m->p, T_far.p);
+}
+
+// The closing frame shows a marker of the lower row 15 cm from where its old views have it: in the
+// loop's own neighbourhood the answer is final, else the whole map is asked, which says the same.
+TEST_F(LargeMapTest, RejectsAMarkerThatMoved) {
+  for (auto& marker : markers_) {
+    if (marker.id < 23 && std::abs(marker.T_w_m.p.x() - kEnd_m) > 0.1) marker.T_w_m.p.z() -= 5.0;
+    if (marker.id < 23 && std::abs(marker.T_w_m.p.x() - kEnd_m) < 0.1) {
+      marker.T_w_m.p += Eigen::Vector3d(0.12, 0.0, 0.09);
+    }
+  }
+  LoopFrame loop = bothRows();
+  ASSERT_EQ(loop.loop_markers.size(), 1U);
+  for (const bool is_near : {true, false}) {
+    loop.is_near = is_near;
+    const LoopOutcome outcome = closeLarge(loop);
+    const auto* const rejection = std::get_if<LoopRejection>(&outcome);
+    ASSERT_TRUE(rejection != nullptr);
+    EXPECT_EQ(*rejection, LoopRejection::kContradicted);
+  }
 }
 
 // How many edges lead from one pose of the graph to another; -1 when none do.

@@ -78,8 +78,10 @@ bool LoopClosureManager::start(const Map& map, std::span<const KnownMarker> mark
   LoopFrame candidate = loopEvidence(keyframeOf(frame, fitting), *local_.reference(), markers,
                                      optimizer_, camera_.focalLength(), relocalization_);
   if (candidate.expected.empty()) return false;
+  candidate.is_near = cause == Cause::kMisfits;
   const int only_marker = markers.size() == 1 ? markers[0].detection->id : -1;
-  const Facts facts{cause, only_marker, ends_agree, costToCloseInTime(map)};
+  const Facts facts{cause, only_marker, ends_agree, costToCloseInTime(map),
+                    closesInPart(map, options_)};
   work_.emplace(facts, [&](Budget* budget) {
     return closeLoop(map, std::move(candidate), markers_, options_, budget);
   });
@@ -88,7 +90,11 @@ bool LoopClosureManager::start(const Map& map, std::span<const KnownMarker> mark
 
 double LoopClosureManager::costToCloseInTime(const Map& map) const {
   std::size_t views = 0;
-  for (const auto& [id, keyframe] : map.keyframes()) views += keyframe.detections.size();
+  if (closesInPart(map, options_)) {
+    views = static_cast<std::size_t>(options_.max_views);
+  } else {
+    for (const auto& [id, keyframe] : map.keyframes()) views += keyframe.detections.size();
+  }
   return options_.cost_per_view * static_cast<double>(views) / options_.frames_to_close;
 }
 

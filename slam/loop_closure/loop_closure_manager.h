@@ -61,6 +61,8 @@ class LoopClosureManager {
   std::optional<Transform> collect(Map* map);
   [[nodiscard]] bool isDone() const { return work_ && work_->task.done(); }
   [[nodiscard]] bool idle() const { return !work_; }
+  // A part of the map is being corrected, and stays as it is until then.
+  [[nodiscard]] bool holdsPart() const { return work_ && work_->facts.of_a_part; }
   // What is under way is of no use any more: tracking was lost.
   void cancel() { work_.reset(); }
 
@@ -75,6 +77,7 @@ class LoopClosureManager {
     int only_marker = -1;     // that closes it; -1 for several
     bool ends_agree = false;  // as well as the map agrees with itself
     double min_cost = 0.0;    // a frame, so that it is closed in time
+    bool of_a_part = false;   // of a large map
   };
   struct Work {
     template <typename Begin>

@@ -41,10 +41,12 @@ bool MapUpdater::screenMarkers(const TrackedFrame& frame, Map* map) {
   return true;
 }
 
-// What local optimization leaves is for what is larger than the neighbourhood of a keyframe.
+// What local optimization leaves is for what is larger than the neighbourhood of a keyframe. It
+// rests while a part of a large map is being corrected: its results would not be those of the part.
 void MapUpdater::work(double budget, const Map& map) {
   const bool local_only = loops_.idle() && rolling_shutter_->idle(map);
-  const double for_local = local_only ? budget : options_.mapper.work_share * budget;
+  const double share = loops_.holdsPart() ? 0.0 : options_.mapper.work_share;
+  const double for_local = local_only ? budget : share * budget;
   const double unspent = std::max(mapper_.work(for_local, map), 0.0);
   const double rest = budget - for_local + unspent;
   if (loops_.idle()) {
