@@ -35,7 +35,7 @@ struct PictureAlignmentOptions {
   std::vector<double> blurs_px = {0.4, 0.6, 0.8, 1.1, 1.5, 2.1, 3.0};
   // Errors that the picture's pixels have in common, of each of its corners, pixels at the image
   // centre: lens model, bent paper, a crop that is not exact.
-  double systematic_sigma_px = 0.03;
+  double systematic_sigma_px = 0.02;
   // Blocks of pixels in which residuals hang together, pixels.
   int block_px = 8;
   // A block has texture when what is expected varies by this, grey levels (standard deviation), and
