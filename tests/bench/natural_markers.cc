@@ -357,13 +357,13 @@ void printRow(const std::string& what, const std::string& condition, const Tally
   std::fflush(stdout);
 }
 
+// Views of the first `targets` known posters.
 Tally search(const Arguments& arguments, const Condition& condition, const Wall& wall,
-             slam::PictureFinder* finder) {
+             std::size_t targets, slam::PictureFinder* finder) {
   Tally tally;
   simulator::Random random(arguments.seed, 0x56494557);
   for (int i = 0; i < arguments.views; ++i) {
-    const simulator::Print& target =
-        wall.known[static_cast<std::size_t>(random.next() % wall.known.size())];
+    const simulator::Print& target = wall.known[static_cast<std::size_t>(random.next() % targets)];
     const View view = render(wall, condition, target, static_cast<std::uint64_t>(i), &random);
     const ImageView image{view.pixels.data(), wall.camera->width(), wall.camera->height(),
                           wall.camera->width()};
@@ -386,7 +386,7 @@ void compareKinds(const Arguments& arguments, const Wall& wall, const Wall& smal
     printHeader("kind");
     for (const Condition& condition : conditions()) {
       const Tally tally =
-          search(arguments, condition, condition.width == 640 ? wall : small, &finder);
+          search(arguments, condition, condition.width == 640 ? wall : small, kKnown, &finder);
       printRow(name, condition.name, tally);
       all.add(tally);
     }
@@ -406,7 +406,9 @@ void compareNumbers(const Arguments& arguments, const Wall& wall) {
     slam::PictureFinder finder(
         std::span<const NaturalMarker>(markers).first(static_cast<std::size_t>(number)));
     const double index_ms = static_cast<double>(threadCpuNs() - before) / kNsPerMs;
-    printRow(std::to_string(number), ordinary.name, search(arguments, ordinary, wall, &finder));
+    const auto targets = static_cast<std::size_t>(std::min(number, kKnown));
+    printRow(std::to_string(number), ordinary.name,
+             search(arguments, ordinary, wall, targets, &finder));
     std::printf("%-7d index made in %.0f ms\n", number, index_ms);
   }
 }

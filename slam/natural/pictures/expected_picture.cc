@@ -46,8 +46,7 @@ std::optional<Box> boxAround(const NaturalMarker& marker, const Transform& T_c_p
       high = {1e9, 1e9};
       break;
     }
-    const Eigen::Vector2d at(GreyPyramid::toLevel(pixel->x(), level),
-                             GreyPyramid::toLevel(pixel->y(), level));
+    const Eigen::Vector2d at(toLevel(pixel->x(), level), toLevel(pixel->y(), level));
     low = low.cwiseMin(at);
     high = high.cwiseMax(at);
   }
@@ -91,11 +90,11 @@ float greyOver(const NaturalMarker& marker, const Eigen::Vector2f& at, const Eig
   const float apart = std::max(side_a.norm(), side_b.norm()) / kPlaces;
   const int last = marker.grey().levels() - 1;
   const int level = std::clamp(static_cast<int>(std::lround(std::log2(apart))), 0, last);
-  const GreyLevels& grey = marker.grey().level(level);
+  const GreyImage<std::uint8_t>& grey = marker.grey().level(level);
   const Eigen::Vector2d centre = marker.toPixel(at.cast<double>());
   const float shrink = 1.0F / static_cast<float>(1 << level);
-  const auto x0 = static_cast<float>(GreyPyramid::toLevel(centre.x(), level));
-  const auto y0 = static_cast<float>(GreyPyramid::toLevel(centre.y(), level));
+  const auto x0 = static_cast<float>(toLevel(centre.x(), level));
+  const auto y0 = static_cast<float>(toLevel(centre.y(), level));
   float sum = 0.0F;
   for (int i = 0; i < kPlaces; ++i) {
     const float u = (static_cast<float>(i) + 0.5F) / kPlaces - 0.5F;

@@ -3,22 +3,25 @@
 
 #include <algorithm>
 #include <cstddef>
+#include <cstdint>
 #include <vector>
 
 #include "base/image_view.h"
 
 namespace waymark::slam {
 
-// Row-major grey levels, 0 to 255, pixel centres at integers.
-struct GreyLevels {
+// Row-major grey levels, 0 to 255, pixel centres at integers. Pictures are kept as bytes, as there
+// may be a thousand of them.
+template <typename Grey>
+struct GreyImage {
   int width = 0;
   int height = 0;
-  std::vector<float> grey;
+  std::vector<Grey> grey;
 
-  [[nodiscard]] const float* row(int y) const {
+  [[nodiscard]] const Grey* row(int y) const {
     return grey.data() + static_cast<std::size_t>(y) * static_cast<std::size_t>(width);
   }
-  [[nodiscard]] float* row(int y) {
+  [[nodiscard]] Grey* row(int y) {
     return grey.data() + static_cast<std::size_t>(y) * static_cast<std::size_t>(width);
   }
   // Between the pixels, linearly; beyond the outermost centres as at them. Precondition: at least
@@ -30,38 +33,41 @@ struct GreyLevels {
     const int line = static_cast<int>(y);
     const float fx = x - static_cast<float>(column);
     const float fy = y - static_cast<float>(line);
-    const float* p = row(line) + column;
-    const float* q = p + width;
-    const float top = p[0] + fx * (p[1] - p[0]);
-    const float low = q[0] + fx * (q[1] - q[0]);
+    const Grey* p = row(line) + column;
+    const Grey* q = p + width;
+    const float top = static_cast<float>(p[0]) + fx * static_cast<float>(p[1] - p[0]);
+    const float low = static_cast<float>(q[0]) + fx * static_cast<float>(q[1] - q[0]);
     return top + fy * (low - top);
   }
 };
 
 // Level i has 1 / 2^i of the size; each of its pixels is the mean of four of the level below.
-class GreyPyramid {
+template <typename Grey>
+class GreyPyramidOf {
  public:
-  GreyPyramid() = default;
+  GreyPyramidOf() = default;
   // Levels go on as long as both sides have at least `min_side_px`; the first is there anyway.
-  GreyPyramid(ImageView image, int min_side_px);
+  GreyPyramidOf(ImageView image, int min_side_px);
 
   [[nodiscard]] int levels() const { return static_cast<int>(levels_.size()); }
-  [[nodiscard]] const GreyLevels& level(int i) const {
+  [[nodiscard]] const GreyImage<Grey>& level(int i) const {
     return levels_[static_cast<std::size_t>(i)];
   }
 
-  // Where a pixel of full size lies in level i, and the way back.
-  [[nodiscard]] static double toLevel(double full, int i) {
-    const double scale = static_cast<double>(1 << i);
-    return (full + 0.5) / scale - 0.5;
-  }
-  [[nodiscard]] static double toFull(double in_level, int i) {
-    const double scale = static_cast<double>(1 << i);
-    return (in_level + 0.5) * scale - 0.5;
-  }
-
  private:
-  std::vector<GreyLevels> levels_;
+  std::vector<GreyImage<Grey>> levels_;
 };
+
+using GreyLevels = GreyImage<float>;
+using GreyPyramid = GreyPyramidOf<float>;            // of the camera's image
+using PicturePyramid = GreyPyramidOf<std::uint8_t>;  // of a print
+
+// Where a pixel of full size lies in level i, and the way back.
+[[nodiscard]] inline double toLevel(double full, int i) {
+  return (full + 0.5) / static_cast<double>(1 << i) - 0.5;
+}
+[[nodiscard]] inline double toFull(double in_level, int i) {
+  return (in_level + 0.5) * static_cast<double>(1 << i) - 0.5;
+}
 
 }  // namespace waymark::slam

@@ -17,22 +17,25 @@
 namespace waymark::slam {
 
 struct NaturalMarkerOptions {
-  // Larger pictures are reduced to this, pixels of the longer side: no camera here sees a print in
-  // more than about 1000 pixels.
-  int max_side_px = 1024;
+  // Larger pictures are reduced to this, pixels of the longer side. Features of finer detail are
+  // seen again from very near only, and what is aligned has fewer pixels (max_pixels there).
+  int max_side_px = 512;
   // Of the shorter side: less has no room for features.
   int min_side_px = 48;
   // Standard deviation of the grey levels: less is a uniform sheet.
   double min_contrast = 4.0;
-  // Features are taken from the picture at this size at most, pixels of the longer side: it is seen
-  // smaller than that from most places, and features of finer detail are never seen again.
-  int feature_side_px = 512;
-  int max_features = 600;
+  // Of the picture as it is, and of each of the views below.
+  int max_features = 500;
+  int max_tilted_features = 150;
+  // Features are also taken from the picture as it looks when it is tilted (Morel and Yu's ASIFT),
+  // turned about so many axes; 0 for none. They are what is found from beyond 45 degrees.
+  int tilted_views = 4;
+  double tilt_factor = 2.0;  // 1 / cosine of the tilt, 60 degrees
   // That occur once in the picture. Fewer cannot be told from chance.
   int min_distinct_features = 30;
   // Largest share of features that occur elsewhere in the picture as well. Text repeats its letters
-  // (up to some 0.3), patterns repeat nearly all.
-  double max_repeated_share = 0.6;
+  // (up to some 0.7), patterns repeat all but their edges.
+  double max_repeated_share = 0.85;
   // Two features are the same when their squared distance is less, SIFT only (a descriptor's length
   // is 512). The same feature in two views of a print differs by about 150^2, two unrelated ones by
   // 400^2 and more.
@@ -66,12 +69,13 @@ class NaturalMarker {
 
   [[nodiscard]] double width_m() const { return width_m_; }
   [[nodiscard]] double height_m() const { return height_m_; }
-  [[nodiscard]] const GreyPyramid& grey() const { return grey_; }
-  // Their pixels are those of the picture reduced for features; featurePoint() says where they are.
+  // The picture, reduced where it was too large.
+  [[nodiscard]] const PicturePyramid& grey() const { return grey_; }
+  // In pixels of level 0 of grey(); those of tilted views as they would be in the picture.
   [[nodiscard]] const FeatureSet& features() const { return features_; }
   [[nodiscard]] const PictureQuality& quality() const { return quality_; }
-  // Metres on the print per pixel of the reduced picture that features are of (geometric mean).
-  [[nodiscard]] double featurePixel_m() const;
+  // Metres on the print per pixel of the picture (geometric mean).
+  [[nodiscard]] double pixel_m() const;
   // Where on the print (x right, y up) a feature is, metres.
   [[nodiscard]] Eigen::Vector2d featurePoint(std::size_t i) const;
   // Where in level 0 of grey() a point of the print is: pixels.
@@ -84,9 +88,7 @@ class NaturalMarker {
 
   double width_m_ = 0.0;
   double height_m_ = 0.0;
-  GreyPyramid grey_;
-  int feature_width_px_ = 0;  // of the picture that the features are of
-  int feature_height_px_ = 0;
+  PicturePyramid grey_;
   FeatureSet features_;
   PictureQuality quality_;
 };

@@ -7,6 +7,7 @@
 #include <utility>
 
 #include <Eigen/Cholesky>
+#include <Eigen/Eigenvalues>
 #include <Eigen/LU>
 #include <opencv2/core.hpp>
 #include <opencv2/imgproc.hpp>
@@ -19,8 +20,6 @@
 namespace waymark::slam {
 namespace {
 
-constexpr double kStartBlur_px = 0.8;
-
 // What an alignment is about.
 struct Subject {
   const NaturalMarker& marker;
@@ -32,32 +31,80 @@ struct Subject {
 // The unknowns on the way.
 struct State {
   Transform T_c_p;
-  Light light;
-  double blur_px = kStartBlur_px;
+  Light light = Light::Zero();
+  Eigen::Matrix2d blur = Eigen::Matrix2d::Zero();  // covariance, pixels squared of full size
 };
 
-std::vector<float> blurred(const ExpectedPicture& expected, double sigma_px) {
-  cv::Mat in(expected.height, expected.width, CV_32F, const_cast<float*>(expected.grey.data()));
+double largestSigma(const Eigen::Matrix2d& covariance) {
+  const double mean = 0.5 * covariance.trace();
+  const double root = std::sqrt(std::max(0.0, mean * mean - covariance.determinant()));
+  return std::sqrt(std::max(0.0, mean + root));
+}
+
+// Both widths within the limits, the directions kept.
+Eigen::Matrix2d limited(const Eigen::Matrix2d& covariance, double least_sigma, double most_sigma) {
+  Eigen::SelfAdjointEigenSolver<Eigen::Matrix2d> eigen;
+  eigen.computeDirect(covariance);
+  const Eigen::Vector2d widths =
+      eigen.eigenvalues().cwiseMax(least_sigma * least_sigma).cwiseMin(most_sigma * most_sigma);
+  return eigen.eigenvectors() * widths.asDiagonal() * eigen.eigenvectors().transpose();
+}
+
+// A Gaussian of that covariance, pixels squared, out to three sigma.
+cv::Mat blurKernel(const Eigen::Matrix2d& covariance) {
+  const int reach = std::max(1, static_cast<int>(std::ceil(3.0 * largestSigma(covariance))));
+  const Eigen::Matrix2d information = covariance.inverse();
+  cv::Mat kernel(2 * reach + 1, 2 * reach + 1, CV_32F);
+  for (int y = -reach; y <= reach; ++y) {
+    for (int x = -reach; x <= reach; ++x) {
+      const Eigen::Vector2d d(x, y);
+      kernel.at<float>(y + reach, x + reach) =
+          static_cast<float>(std::exp(-0.5 * d.dot(information * d)));
+    }
+  }
+  return kernel / cv::sum(kernel)[0];
+}
+
+// blur: pixels squared of the expected picture's level.
+std::vector<float> blurred(const ExpectedPicture& expected, const Eigen::Matrix2d& blur) {
+  constexpr double kNothing_px = 0.2;  // narrower than pixels can show
+  if (largestSigma(blur) < kNothing_px) return expected.grey;
+  const cv::Mat in(expected.height, expected.width, CV_32F,
+                   const_cast<float*>(expected.grey.data()));
   std::vector<float> out(expected.grey.size());
   cv::Mat result(expected.height, expected.width, CV_32F, out.data());
-  constexpr double kNothing_px = 0.15;  // narrower than a pixel can show
-  if (sigma_px < kNothing_px) return expected.grey;
-  cv::GaussianBlur(in, result, cv::Size(), sigma_px, sigma_px, cv::BORDER_REPLICATE);
+  cv::filter2D(in, result, CV_32F, blurKernel(limited(blur, 0.5 * kNothing_px, 1e3)),
+               cv::Point(-1, -1), 0.0, cv::BORDER_REPLICATE);
   return out;
 }
 
 // What lies beyond the print's edge is not known: pixels that the blur reaches from there are not
 // compared.
-double insideFor(double blur_px) { return 0.5 + 2.0 * blur_px; }
+double insideFor(const Eigen::Matrix2d& blur) { return 0.5 + 2.0 * largestSigma(blur); }
+
+Eigen::Matrix2d atLevel(const Eigen::Matrix2d& blur, int level) {
+  return blur / static_cast<double>(1 << (2 * level));
+}
+
+std::optional<ExpectedPicture> expectAt(const Subject& subject, const State& state, int level,
+                                        double most_sigma_px) {
+  const int margin_px = 1 + static_cast<int>(std::ceil(3.0 * most_sigma_px / (1 << level)));
+  return expectPicture(subject.marker, state.T_c_p, level, margin_px, subject.rays);
+}
+
+PhotometricFit fitOf(const Subject& subject, const ExpectedPicture& expected, const State& state) {
+  const Eigen::Matrix2d blur = atLevel(state.blur, expected.level);
+  return PhotometricFit(expected, blurred(expected, blur), insideFor(blur), state.T_c_p,
+                        subject.rays->camera(), subject.image.level(expected.level));
+}
 
 // The expected image at the state's pose and blur.
 std::optional<PhotometricFit> fitAt(const Subject& subject, const State& state, int level) {
-  const double blur_px = state.blur_px / (1 << level);
-  const int margin_px = 1 + static_cast<int>(std::ceil(4.0 * blur_px));
-  const auto expected = expectPicture(subject.marker, state.T_c_p, level, margin_px, subject.rays);
+  const auto expected = expectAt(subject, state, level, largestSigma(state.blur));
   if (!expected) return std::nullopt;
-  return PhotometricFit(*expected, blurred(*expected, blur_px), insideFor(blur_px), state.T_c_p,
-                        subject.rays->camera(), subject.image.level(level));
+  PhotometricFit fit = fitOf(subject, *expected, state);
+  if (static_cast<int>(fit.pixels().size()) < subject.options.min_pixels / 4) return std::nullopt;
+  return fit;
 }
 
 // Levenberg-Marquardt at a fixed expected image, with a fixed cutoff.
@@ -65,7 +112,7 @@ void minimize(PhotometricFit* fit, int iterations, double cutoff, State* state) 
   constexpr double kConverged = 1e-7;  // relative fall of the cost
   constexpr double kHopeless = 1e6;
   double lambda = 1e-4;
-  (void)fit->computeResiduals(state->T_c_p, state->light);
+  fit->computeResiduals(state->T_c_p, state->light);
   double cost = fit->meanCost(cutoff);
   PhotometricMatrix A;
   PhotometricVector b;
@@ -78,11 +125,10 @@ void minimize(PhotometricFit* fit, int iterations, double cutoff, State* state) 
     if (!step.allFinite()) return;
     State next = *state;
     next.T_c_p = state->T_c_p.retract(step.head<6>());
-    next.light = {state->light.gain + step[6], state->light.offset + step[7],
-                  state->light.slope_x + step[8], state->light.slope_y + step[9]};
-    (void)fit->computeResiduals(next.T_c_p, next.light);
+    next.light = state->light + step.tail<7>();
+    fit->computeResiduals(next.T_c_p, next.light);
     const double next_cost = fit->meanCost(cutoff);
-    if (next_cost > cost || next.light.gain <= 0.0) {
+    if (next_cost > cost || next.light[1] <= 0.0) {
       lambda = std::max(10.0 * lambda, 1e-3);
       continue;
     }
@@ -93,52 +139,82 @@ void minimize(PhotometricFit* fit, int iterations, double cutoff, State* state) 
     lambda = std::max(0.1 * lambda, 1e-9);
     fit->normalEquations(state->light, cutoff, &A, &b);
   }
-  (void)fit->computeResiduals(state->T_c_p, state->light);
+  fit->computeResiduals(state->T_c_p, state->light);
 }
 
 double cutoffFor(const PhotometricFit& fit, const PictureAlignmentOptions& options) {
   return options.outlier_sigmas * std::max(options.min_noise, fit.robustSigma());
 }
 
+// Light from what is not hidden; residuals are those of the state then.
+void prepare(const Subject& subject, double visible_correlation, PhotometricFit* fit,
+             State* state) {
+  fit->leaveOutHidden(state->T_c_p, subject.options.block_px, subject.options.block_contrast,
+                      visible_correlation);
+  state->light = fit->fitLight(state->T_c_p, subject.options.outlier_sigmas);
+}
+
 // One level: the expected image made and fitted, some times over. False when the picture is lost.
-bool alignLevel(const Subject& subject, int level, int renders, bool start_light, State* state) {
+bool alignLevel(const Subject& subject, int level, int renders, double visible_correlation,
+                State* state) {
   for (int i = 0; i < renders; ++i) {
     auto fit = fitAt(subject, *state, level);
-    if (!fit || static_cast<int>(fit->pixels().size()) < subject.options.min_pixels / 4) {
-      return false;
-    }
-    // Slopes belong to a box, gain and offset to the picture.
-    if (start_light && i == 0) state->light = fit->fitLight(state->T_c_p);
-    (void)fit->computeResiduals(state->T_c_p, state->light);
+    if (!fit) return false;
+    prepare(subject, visible_correlation, &*fit, state);
     minimize(&*fit, subject.options.iterations, cutoffFor(*fit, subject.options), state);
   }
   return true;
 }
 
-// The blur that explains the image best where the picture is now.
-double bestBlur(const Subject& subject, const State& state, int level) {
-  const double largest_px =
-      *std::max_element(subject.options.blurs_px.begin(), subject.options.blurs_px.end());
-  const double scale = 1.0 / (1 << level);
-  const int margin_px = 1 + static_cast<int>(std::ceil(4.0 * largest_px * scale));
-  const auto expected = expectPicture(subject.marker, state.T_c_p, level, margin_px, subject.rays);
-  if (!expected) return state.blur_px;
-  double best_px = state.blur_px;
-  double least = -1.0;
-  // The same pixels for all, or the widest blur would choose its own.
-  const double inside_px = insideFor(state.blur_px * scale);
-  for (const double blur_px : subject.options.blurs_px) {
-    PhotometricFit fit(*expected, blurred(*expected, blur_px * scale), inside_px, state.T_c_p,
-                       subject.rays->camera(), subject.image.level(level));
-    const Light light = fit.fitLight(state.T_c_p);
-    (void)fit.computeResiduals(state.T_c_p, light);
-    const double sigma = fit.robustSigma();
-    if (least < 0.0 || sigma < least) {
-      least = sigma;
-      best_px = blur_px;
-    }
+// Whether hardly anything in the image looks like the picture: then it is not there, and a closer
+// look is time lost.
+bool isHopeless(const Subject& subject, const State& state, int level) {
+  auto fit = fitAt(subject, state, level);
+  if (!fit) return true;
+  const PictureAlignmentOptions& options = subject.options;
+  int textured = 0;
+  int agreed = 0;
+  for (const auto& [place, block] : fit->blocks(state.T_c_p, options.block_px)) {
+    if (block.contrast() < options.block_contrast) continue;
+    ++textured;
+    if (block.correlation() >= options.block_correlation) ++agreed;
   }
-  return best_px;
+  return agreed < options.hopeless_share * textured;
+}
+
+// The blur that explains the image best where the picture is now: the best round one, then made
+// narrower or wider in each direction until it fits.
+void fitBlur(const Subject& subject, int level, State* state) {
+  constexpr int kRounds = 4;
+  const PictureAlignmentOptions& options = subject.options;
+  const double most_px = *std::max_element(options.blurs_px.begin(), options.blurs_px.end());
+  const auto expected = expectAt(subject, *state, level, most_px);
+  if (!expected) return;
+  State best = *state;
+  double least = -1.0;
+  for (const double blur_px : options.blurs_px) {
+    State candidate = *state;
+    candidate.blur = blur_px * blur_px * Eigen::Matrix2d::Identity();
+    PhotometricFit fit = fitOf(subject, *expected, candidate);
+    if (static_cast<int>(fit.pixels().size()) < options.min_pixels / 4) break;
+    prepare(subject, options.block_correlation, &fit, &candidate);
+    const double sigma = fit.robustSigma();
+    if (least >= 0.0 && sigma >= least) continue;
+    least = sigma;
+    best = candidate;
+  }
+  for (int i = 0; i < kRounds; ++i) {
+    PhotometricFit fit = fitOf(subject, *expected, best);
+    prepare(subject, options.block_correlation, &fit, &best);
+    const Eigen::Vector3d step =
+        (1 << (2 * level)) * fit.blurStep(best.light, cutoffFor(fit, options));
+    Eigen::Matrix2d change;
+    change << step[0], step[1], step[1], step[2];
+    // A step holds for blurs that are not much wider than the one it was taken at.
+    const double scale = std::min(1.0, 0.5 * best.blur.trace() / std::max(1e-9, change.norm()));
+    best.blur = limited(best.blur + scale * change, options.blurs_px.front(), most_px);
+  }
+  *state = best;
 }
 
 // Coarse to fine: first and last level.
@@ -168,46 +244,12 @@ std::optional<Levels> levelsFor(const Subject& subject, const Transform& T_c_p) 
   return levels;
 }
 
-// Sums of a block of pixels.
-struct Block {
-  int count = 0;
-  double e = 0.0, s = 0.0, ee = 0.0, ss = 0.0, es = 0.0;  // of expected and seen
-  PhotometricVector score = PhotometricVector::Zero();    // sum of influence times Jacobian
-
-  void add(double expected, double seen) {
-    ++count;
-    e += expected;
-    s += seen;
-    ee += expected * expected;
-    ss += seen * seen;
-    es += expected * seen;
-  }
-  void add(const Block& other) {
-    count += other.count;
-    e += other.e;
-    s += other.s;
-    ee += other.ee;
-    ss += other.ss;
-    es += other.es;
-  }
-  [[nodiscard]] double contrast() const {
-    return std::sqrt(std::max(0.0, ee / count - e * e / count / count));
-  }
-  [[nodiscard]] double correlation() const {
-    const double expected = ee - e * e / count;
-    const double seen = ss - s * s / count;
-    const double both = es - e * s / count;
-    return expected > 0.0 && seen > 0.0 ? both / std::sqrt(expected * seen) : 0.0;
-  }
-};
-
 // What the residuals at the end say, in sums.
 struct Sums {
-  std::map<std::pair<int, int>, Block> blocks;
-  PhotometricMatrix JtJ = PhotometricMatrix::Zero();  // of pixels that have influence
-  double influence2 = 0.0;                            // sum of the squared influences
-  double slope = 0.0;                                 // and of the influence's derivatives
-  double cut_square = 0.0;
+  std::map<std::pair<int, int>, PhotometricVector> scores;  // of blocks: influence times Jacobian
+  PhotometricMatrix JtJ = PhotometricMatrix::Zero();        // of pixels that have influence
+  double influence2 = 0.0;                                  // sum of the squared influences
+  double slope = 0.0;                                       // and of the influence's derivatives
   int with_influence = 0;
   int seen = 0;
 };
@@ -219,16 +261,13 @@ Sums sumUp(const PhotometricFit& fit, const Light& light, double cutoff, int blo
     const double r = fit.residuals()[i];
     if (!std::isfinite(r)) continue;
     ++sums.seen;
-    sums.cut_square += std::min(r * r, cutoff * cutoff);
-    Block& block = sums.blocks[{pixel.row / block_px, pixel.column / block_px}];
-    const double expected = light.gain * pixel.expected + light.offset + light.slope_x * pixel.x +
-                            light.slope_y * pixel.y;
-    block.add(expected, expected + r);
     const double t = r * r / (cutoff * cutoff);
     if (t >= 1.0) continue;
     const PhotometricVector row = fit.jacobian(i, light);
     const double influence = tukeyWeight(t) * r;
-    block.score += influence * row;
+    const auto [score, added] = sums.scores.try_emplace(
+        {pixel.row / block_px, pixel.column / block_px}, PhotometricVector::Zero());
+    score->second += influence * row;
     sums.JtJ.selfadjointView<Eigen::Lower>().rankUpdate(row);
     sums.influence2 += influence * influence;
     sums.slope += tukeySlope(t);
@@ -236,6 +275,19 @@ Sums sumUp(const PhotometricFit& fit, const Light& light, double cutoff, int blo
   }
   sums.JtJ = sums.JtJ.selfadjointView<Eigen::Lower>();
   return sums;
+}
+
+// Mean of the squared residuals, each cut off; also of what hides the picture, so that of two
+// pictures none gains by calling hidden what contradicts it.
+double meanCutSquare(const PhotometricFit& fit, double cutoff) {
+  double sum = 0.0;
+  int seen = 0;
+  for (const float r : fit.residuals()) {
+    if (!std::isfinite(r)) continue;
+    sum += std::min(static_cast<double>(r) * r, cutoff * cutoff);
+    ++seen;
+  }
+  return seen > 0 ? sum / seen : cutoff * cutoff;
 }
 
 // Four corners, each off by the systematic error on its own.
@@ -271,12 +323,12 @@ bool fillCovariance(const Subject& subject, const Sums& sums, PictureAlignment* 
 
   // Sandwich of the blocks' scores, against what independent residuals would make of it.
   Matrix6d dependent = Matrix6d::Zero();
-  for (const auto& [place, block] : sums.blocks) {
-    const Vector6d v = (inverse * block.score).head<6>();
+  for (const auto& [place, score] : sums.scores) {
+    const Vector6d v = (inverse * score).head<6>();
     dependent += v * v.transpose();
   }
   const double mean_influence2 = sums.influence2 / n;
-  const auto blocks = static_cast<double>(sums.blocks.size());
+  const auto blocks = static_cast<double>(sums.scores.size());
   const double correction =
       blocks > 2.0 * kPhotometricUnknowns ? blocks / (blocks - kPhotometricUnknowns) : 2.0;
   const double trace = white.ldlt().solve(dependent).trace();
@@ -287,13 +339,12 @@ bool fillCovariance(const Subject& subject, const Sums& sums, PictureAlignment* 
   return result->covariance.allFinite();
 }
 
-// Fills what verifies the picture.
-void judge(const Subject& subject, const PhotometricFit& fit, const Sums& sums, int level,
-           PictureAlignment* result) {
+// Fills what verifies the picture, of all its pixels.
+void judge(const Subject& subject, PhotometricFit whole, int level, PictureAlignment* result) {
   constexpr int kLeastPixels = 16;  // of a block
-  Block agreeing;
+  PixelBlock agreeing;
   int agreed = 0;
-  for (const auto& [place, block] : sums.blocks) {
+  for (const auto& [place, block] : whole.blocks(result->T_c_p, subject.options.block_px)) {
     if (block.count < kLeastPixels) continue;
     if (block.contrast() < subject.options.block_contrast) continue;
     ++result->textured_blocks;
@@ -304,9 +355,9 @@ void judge(const Subject& subject, const PhotometricFit& fit, const Sums& sums, 
   if (result->textured_blocks > 0) {
     result->agreeing_share = static_cast<double>(agreed) / result->textured_blocks;
   }
-  if (agreeing.count > 0) result->correlation = agreeing.correlation();
+  result->correlation = agreeing.correlation();
   const double covered = coveredArea_px(subject.marker, result->T_c_p, subject.rays->camera());
-  const double seen = static_cast<double>(fit.pixels().size()) * (1 << level) * (1 << level);
+  const double seen = static_cast<double>(whole.pixels().size()) * (1 << level) * (1 << level);
   result->in_image = covered > 0.0 ? std::min(1.0, seen / covered) : 1.0;
 }
 
@@ -328,6 +379,7 @@ std::string PictureAlignmentOptions::invalidReason() const {
       {block_px >= 2, "a block has at least 2 pixels a side"},
       {isNotNegative(block_contrast), "a block's contrast must not be negative"},
       {isShare(block_correlation), "a block's correlation is from 0 to 1"},
+      {isShare(hopeless_share), "the share of blocks without which there is no hope is 0 to 1"},
   });
 }
 
@@ -337,35 +389,38 @@ std::optional<PictureAlignment> alignPicture(const NaturalMarker& marker, const 
   const Subject subject{marker, image, rays, options};
   const auto levels = levelsFor(subject, start);
   if (!levels) return std::nullopt;
-  State state{start, {}, kStartBlur_px};
+  // A camera in focus; of the levels above the finest the blur matters little.
+  constexpr double kStartBlur_px = 0.8;
+  State state{.T_c_p = start, .blur = kStartBlur_px * kStartBlur_px * Eigen::Matrix2d::Identity()};
+  // What is not yet in its place agrees less.
+  double visible = 0.5 * options.block_correlation;
   for (int level = levels->coarsest; level >= levels->finest; --level) {
-    const bool first = level == levels->coarsest;
-    if (!alignLevel(subject, level, first ? options.renders : 1, first, &state)) {
-      return std::nullopt;
-    }
-    // Slopes are told by the box, which the next level has another one of.
-    state.light.slope_x = state.light.slope_y = 0.0;
+    const int renders = level == levels->coarsest ? options.renders : 1;
+    if (!alignLevel(subject, level, renders, visible, &state)) return std::nullopt;
+    visible = options.block_correlation;
   }
-  state.blur_px = bestBlur(subject, state, levels->finest);
-  if (!alignLevel(subject, levels->finest, options.renders, true, &state)) return std::nullopt;
+  if (isHopeless(subject, state, levels->finest)) return std::nullopt;
+  fitBlur(subject, levels->finest, &state);
+  if (!alignLevel(subject, levels->finest, options.renders, visible, &state)) return std::nullopt;
 
   // The last word: expected and seen at one and the same pose, no pixel moved.
-  auto fit = fitAt(subject, state, levels->finest);
-  if (!fit) return std::nullopt;
-  if (static_cast<int>(fit->pixels().size()) < options.min_pixels / 4) return std::nullopt;
-  (void)fit->computeResiduals(state.T_c_p, state.light);
-  const double cutoff = cutoffFor(*fit, options);
-  minimize(&*fit, 2, cutoff, &state);
-  const Sums sums = sumUp(*fit, state.light, cutoff, options.block_px);
+  auto whole = fitAt(subject, state, levels->finest);
+  if (!whole) return std::nullopt;
+  PhotometricFit fit = *whole;
+  prepare(subject, visible, &fit, &state);
+  const double cutoff = cutoffFor(fit, options);
+  minimize(&fit, 2, cutoff, &state);
+  const Sums sums = sumUp(fit, state.light, cutoff, options.block_px);
   if (sums.seen == 0) return std::nullopt;
   PictureAlignment result;
   result.T_c_p = state.T_c_p;
   result.noise = cutoff / options.outlier_sigmas;
-  result.blur_px = state.blur_px;
+  result.blur_px = largestSigma(state.blur);
   result.pixels = sums.seen;
-  result.cut_square = sums.cut_square / sums.seen;
+  whole->computeResiduals(state.T_c_p, state.light);
+  result.cut_square = meanCutSquare(*whole, cutoff);
   if (!fillCovariance(subject, sums, &result)) return std::nullopt;
-  judge(subject, *fit, sums, levels->finest, &result);
+  judge(subject, std::move(*whole), levels->finest, &result);
   return result;
 }
 

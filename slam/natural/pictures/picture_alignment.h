@@ -1,7 +1,7 @@
 // A picture's pose from the image itself: grey levels of the print, warped by the pose and blurred
 // like the image, laid over the image until they fit. Gauss-Newton with the derivatives of the
 // expected image (the inverse compositional way round: those of the camera's image are noisy), from
-// coarse to fine; gain, offset and slope of the light are unknowns beside the pose.
+// coarse to fine; the light on the print is unknown beside the pose.
 #pragma once
 
 #include <optional>
@@ -31,8 +31,9 @@ struct PictureAlignmentOptions {
   double outlier_sigmas = 4.685;
   // The image's noise is never less than this, grey levels: rounding alone makes 0.29.
   double min_noise = 0.4;
-  // The lens's blur is one of these, sigma in pixels: the one that fits.
-  std::vector<double> blurs_px = {0.4, 0.6, 0.8, 1.1, 1.5, 2.1, 3.0};
+  // The blur is looked for from these on, sigma in pixels, ascending: the best of them, then with
+  // a width and a direction of its own (a moving camera's), within the first and the last.
+  std::vector<double> blurs_px = {0.3, 0.6, 0.9, 1.4, 2.1, 3.2};
   // Errors that the picture's pixels have in common, of each of its corners, pixels at the image
   // centre: lens model, bent paper, a crop that is not exact.
   double systematic_sigma_px = 0.02;
@@ -42,6 +43,8 @@ struct PictureAlignmentOptions {
   // agrees when it correlates with the image by that.
   double block_contrast = 4.0;
   double block_correlation = 0.6;
+  // With a smaller share of agreeing blocks after the first fit, given up.
+  double hopeless_share = 0.15;
 
   // Empty when usable, else what is wrong.
   [[nodiscard]] std::string invalidReason() const;
@@ -53,7 +56,7 @@ struct PictureAlignment {
   // residuals, with what they have in common, and the systematic error.
   Matrix6d covariance = Matrix6d::Identity();
   double noise = 0.0;    // grey levels, robust
-  double blur_px = 0.0;  // sigma
+  double blur_px = 0.0;  // sigma, in its widest direction
   int pixels = 0;        // compared
   // How much worse than independent the residuals are, at least 1.
   double dependence = 1.0;

@@ -118,6 +118,7 @@ FeatureSet extractFeatures(ImageView image, std::size_t most, const FeatureOptio
     const auto* row = descriptors.ptr<std::uint8_t>(static_cast<int>(i));
     set.descriptors.insert(set.descriptors.end(), row, row + descriptors.cols);
   }
+  set.upright = set.size();
   return set;
 }
 

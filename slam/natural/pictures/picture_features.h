@@ -28,6 +28,8 @@ struct FeatureSet {
   int descriptor_bytes = 0;
   std::vector<Feature> features;
   std::vector<std::uint8_t> descriptors;
+  // So many, at the front, are of the picture as it is; the others of views of it.
+  std::size_t upright = 0;
 
   [[nodiscard]] std::size_t size() const { return features.size(); }
   [[nodiscard]] const std::uint8_t* descriptor(std::size_t i) const {

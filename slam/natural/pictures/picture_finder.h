@@ -25,7 +25,7 @@ struct PictureFinderOptions {
   int max_image_features = 1500;
   // Of expected and seen grey levels where they agree, at least; and the part of the picture in the
   // image that has to agree (the rest is hidden), in at least so many blocks.
-  double min_correlation = 0.8;
+  double min_correlation = 0.85;
   double min_agreeing_share = 0.35;
   int min_agreeing_blocks = 8;
   // Whatever the grey levels say: a picture is not seen flatter than this, radians from its normal.

@@ -57,7 +57,7 @@ std::vector<PointPair> pairsOf(const NaturalMarker& marker, std::span<const Imag
     const double tolerance =
         options.inlier_px / focal_px + options.inlier_share_of_size * seen.size;
     pairs.push_back({marker.featurePoint(known),
-                     feature.size_px * marker.featurePixel_m(),
+                     feature.size_px * marker.pixel_m(),
                      {std::cos(feature.angle_rad), -std::sin(feature.angle_rad)},
                      seen.normalized,
                      seen.size,

@@ -17,18 +17,18 @@ namespace waymark::slam {
 struct PictureMatcherOptions {
   // A feature of the image is compared with this many neighbours less one; the last is what chance
   // comes to. So a print that is in the set several times is still found.
-  int neighbours = 5;
+  int neighbours = 6;
   // A neighbour counts when its distance is at most this part of the last one's (Lowe's ratio test;
   // of the distances, not their squares).
-  double distance_ratio = 0.82;
+  double distance_ratio = 0.85;
   // Pictures looked at more closely, those with most votes first, and the votes that takes.
-  int most_candidates = 12;
-  int min_votes = 6;
+  int most_candidates = 16;
+  int min_votes = 5;
   // Of four matches each, at most. With 3 of 10 matches right, 570 make a right one 99 % sure.
   int max_samples = 800;
   // Matches that agree with the picture's place, at least; what is left of chance is found out on
   // the image itself.
-  int min_inliers = 7;
+  int min_inliers = 5;
   // A match agrees within this, pixels at the image centre; more for features so large that they
   // are placed less well, by this part of their diameter.
   double inlier_px = 2.5;
