@@ -36,8 +36,8 @@ class NaturalMarkerSetTest : public ::testing::Test {
   std::filesystem::path file(const std::vector<std::string>& images) {
     std::string text;
     for (const std::string& image : images) {
-      const auto more =
-          withNaturalMarker(text, "n.json", {"m" + std::to_string(++named_), image, 0.3, 0.0, {}});
+      const std::string name = std::to_string(++named_);
+      const auto more = withNaturalMarker(text, "n.json", {name, image, 0.3, 0.0, {}});
       EXPECT_TRUE(more) << more.error().message;
       text = *more;
     }

@@ -291,9 +291,12 @@ double meanCutSquare(const PhotometricFit& fit, double cutoff) {
 }
 
 // Four corners, each off by the systematic error on its own.
-std::optional<Matrix6d> systematicCovariance(const Subject& subject, const Transform& T_c_p) {
+std::optional<Matrix6d> systematicCovariance(const Subject& subject, const Transform& T_c_p,
+                                             double blur_px, int level) {
   const double focal_px = subject.rays->camera().focalLength();
-  const double sigma = subject.options.systematic_sigma_px / focal_px;
+  const double sampling_px = subject.options.systematic_sigma_px * (1 << level);
+  const double streak_px = subject.options.blur_sigma_per_px2 * blur_px * blur_px;
+  const double sigma = std::hypot(sampling_px, streak_px) / focal_px;
   Matrix6d H = Matrix6d::Zero();
   for (const double x : {-0.5, 0.5}) {
     for (const double y : {-0.5, 0.5}) {
@@ -309,7 +312,7 @@ std::optional<Matrix6d> systematicCovariance(const Subject& subject, const Trans
 
 // The M-estimator's covariance, widened by what the residuals of a block have in common. Fills
 // covariance and dependence. False when the pose is not held.
-bool fillCovariance(const Subject& subject, const Sums& sums, PictureAlignment* result) {
+bool fillCovariance(const Subject& subject, const Sums& sums, int level, PictureAlignment* result) {
   const int free = sums.with_influence - kPhotometricUnknowns;
   if (free <= 0 || !(sums.slope > 0.0)) return false;
   const Eigen::LDLT<PhotometricMatrix> factor(sums.JtJ);
@@ -333,7 +336,7 @@ bool fillCovariance(const Subject& subject, const Sums& sums, PictureAlignment* 
       blocks > 2.0 * kPhotometricUnknowns ? blocks / (blocks - kPhotometricUnknowns) : 2.0;
   const double trace = white.ldlt().solve(dependent).trace();
   result->dependence = std::max(1.0, correction * trace / (6.0 * mean_influence2));
-  const auto systematic = systematicCovariance(subject, result->T_c_p);
+  const auto systematic = systematicCovariance(subject, result->T_c_p, result->blur_px, level);
   if (!systematic) return false;
   result->covariance = result->dependence * variance * white + *systematic;
   return result->covariance.allFinite();
@@ -376,6 +379,7 @@ std::string PictureAlignmentOptions::invalidReason() const {
       {isPositive(min_noise), "the image's least noise must be positive"},
       {blurs, "the lens's blurs are from 0 to 20 pixels, and at least one"},
       {isPositive(systematic_sigma_px), "the systematic error of a picture must be positive"},
+      {isNotNegative(blur_sigma_per_px2), "the error of a blur must not be negative"},
       {block_px >= 2, "a block has at least 2 pixels a side"},
       {isNotNegative(block_contrast), "a block's contrast must not be negative"},
       {isShare(block_correlation), "a block's correlation is from 0 to 1"},
@@ -419,7 +423,7 @@ std::optional<PictureAlignment> alignPicture(const NaturalMarker& marker, const 
   result.pixels = sums.seen;
   whole->computeResiduals(state.T_c_p, state.light);
   result.cut_square = meanCutSquare(*whole, cutoff);
-  if (!fillCovariance(subject, sums, &result)) return std::nullopt;
+  if (!fillCovariance(subject, sums, levels->finest, &result)) return std::nullopt;
   judge(subject, std::move(*whole), levels->finest, &result);
   return result;
 }

@@ -34,9 +34,12 @@ struct PictureAlignmentOptions {
   // The blur is looked for from these on, sigma in pixels, ascending: the best of them, then with
   // a width and a direction of its own (a moving camera's), within the first and the last.
   std::vector<double> blurs_px = {0.3, 0.6, 0.9, 1.4, 2.1, 3.2};
-  // Errors that the picture's pixels have in common, of each of its corners, pixels at the image
-  // centre: lens model, bent paper, a crop that is not exact.
-  double systematic_sigma_px = 0.02;
+  // Errors that the picture's pixels have in common, of each of its corners, pixels of the level
+  // that was compared: lens model, bent paper, a crop that is not exact, how prints are sampled.
+  double systematic_sigma_px = 0.025;
+  // The same from a blur that is no Gaussian, per square pixel of its covariance: a moving camera's
+  // is a streak. 8 pixels of motion so make 0.1.
+  double blur_sigma_per_px2 = 0.015;
   // Blocks of pixels in which residuals hang together, pixels.
   int block_px = 8;
   // A block has texture when what is expected varies by this, grey levels (standard deviation), and

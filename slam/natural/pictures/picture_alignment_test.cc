@@ -95,7 +95,9 @@ TEST_F(PictureAlignmentTest, ComesHomeFromPixelsAway) {
     const auto found = align(image, truth.retract(off));
     ASSERT_TRUE(found) << distance_m;
     EXPECT_GT(cornerError_px(truth.retract(off), truth), 1.0);
-    EXPECT_LT(cornerError_px(found->T_c_p, truth), 0.1) << distance_m;
+    // To a two-thousandth of its width in the image.
+    const double width_px = scene_.camera.focalLength() * kWidth_m / distance_m;
+    EXPECT_LT(cornerError_px(found->T_c_p, truth), 0.0005 * width_px) << distance_m;
     EXPECT_GT(found->correlation, 0.95);
     EXPECT_GT(found->agreeing_share, 0.9);
   }
@@ -110,7 +112,8 @@ TEST_F(PictureAlignmentTest, WhatHidesThePictureIsLeftOut) {
   off << 0.002, 0.001, 0.004, 0.01, 0.01, 0.005;
   const auto found = align(image, truth.retract(off));
   ASSERT_TRUE(found);
-  EXPECT_LT(cornerError_px(found->T_c_p, truth), 0.3);
+  // The corners of the hidden half are extrapolated.
+  EXPECT_LT(cornerError_px(found->T_c_p, truth), 1.0);
   EXPECT_LT(found->agreeing_share, 0.65);
   EXPECT_GT(found->agreeing_share, 0.35);
   const Vector6d error = found->T_c_p.localCoordinates(truth);
@@ -133,13 +136,13 @@ TEST_F(PictureAlignmentTest, AnotherPictureDoesNotAgree) {
   const cv::Mat image =
       testing::seenPicture(scene_, testing::poster(8), kWidth_m, marker_.height_m(), truth, 1);
   const auto found = align(image, truth);
-  if (found) EXPECT_LT(found->agreeing_share, 0.3);
+  EXPECT_TRUE(!found || found->agreeing_share < 0.3);
 }
 
 TEST_F(PictureAlignmentTest, NothingToSeeIsNoAlignment) {
   const cv::Mat image(480, 640, CV_8U, cv::Scalar(120));
   const auto blank = align(image, testing::pictureAt(0.7, 0.4, 2.0, 0.1));
-  if (blank) EXPECT_EQ(blank->correlation, 0.0);
+  EXPECT_TRUE(!blank || blank->correlation == 0.0);
   // Behind the camera, seen from its back, too far away, beside the image.
   Transform T_c_p = testing::pictureAt(-0.7, 0.0, 0.0, 0.0);
   EXPECT_FALSE(align(image, T_c_p));

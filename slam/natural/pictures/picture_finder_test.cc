@@ -54,7 +54,9 @@ TEST_F(PictureFinderTest, FindsThePictureAndItsPose) {
 TEST_F(PictureFinderTest, ErrorsAreAsLargeAsTheCovarianceSays) {
   const std::vector<NaturalMarker> markers = posters(1);
   PictureFinderOptions options;
-  options.alignment.systematic_sigma_px = 0.005;  // what is rendered has no bent paper
+  // What is rendered has no bent paper, and its blur is a Gaussian.
+  options.alignment.systematic_sigma_px = 0.005;
+  options.alignment.blur_sigma_per_px2 = 0.0;
   PictureFinder finder(markers, options);
   std::mt19937 rng(3);
   const auto uniform = [&rng](double low, double high) {
