@@ -74,7 +74,7 @@ constexpr CaptureLoop::Options kQuick{.read_timeout = milliseconds(2),
                                       .first_pause = milliseconds(1),
                                       .max_pause = milliseconds(4)};
 
-class CaptureLoopTest : public testing::Test {
+class CaptureLoopTest : public ::testing::Test {
  protected:
   // Takes every frame until the queue is closed, and remembers the sequences.
   void consume() {
