@@ -36,7 +36,7 @@ class Slam::Impl {
             &counters_),
         locator_(screening_, camera_, rolling_shutter_, tracker_.tracker()),
         map_(std::move(map)),
-        covariance_(options_.markers, options_.covariance, map_),
+        covariance_(options_.markers, options_.covariance, map_, options_.mapping),
         last_old_keyframe_(map_.keyframes().empty() ? -1 : map_.keyframes().rbegin()->first) {
     map_.dictionary = follower_.dictionary().name();
   }

@@ -1,3 +1,4 @@
+#include <algorithm>
 #include <cstdlib>
 #include <mutex>
 #include <string>
@@ -27,8 +28,9 @@ TEST(LibcameraMessages, GoToTheSinkAndNotToStderr) {
     EXPECT_TRUE(manager) << manager.error().message;
   }
   EXPECT_EQ(::testing::internal::GetCapturedStderr(), "");
-  ASSERT_FALSE(lines.empty());
-  EXPECT_NE(lines.front().find("libcamera v"), std::string::npos) << lines.front();
+  EXPECT_TRUE(std::ranges::any_of(
+      lines, [](const std::string& line) { return line.find("libcamera v") != std::string::npos; }))
+      << "of " << lines.size() << " lines";
   for (const std::string& line : lines) EXPECT_EQ(line.find('\n'), std::string::npos) << line;
 }
 

@@ -12,8 +12,8 @@ std::string MapCovarianceOptions::invalidReason() const {
 }
 
 MapCovariance::MapCovariance(const MarkerOptions& markers, const MapCovarianceOptions& options,
-                             const Map& map)
-    : markers_(markers), options_(options), due_(!map.keyframes().empty()) {
+                             const Map& map, bool grows)
+    : markers_(markers), options_(options), grows_(grows), due_(!map.keyframes().empty()) {
   for (const auto& [id, marker] : map.markers()) {
     if (marker.T_w_m) marginals_.set(id, marker.world_covariance);
   }
@@ -35,7 +35,7 @@ bool MapCovariance::work(double residual_sigma, Map* map) {
   MapMarginals marginals = recovery_->take();
   recovery_.reset();
   adopt(std::move(marginals), map);
-  return true;
+  return grows_;
 }
 
 void MapCovariance::recover(double residual_sigma, Map* map) {
@@ -51,7 +51,7 @@ void MapCovariance::recover(double residual_sigma, Map* map) {
 void MapCovariance::adopt(MapMarginals marginals, Map* map) {
   if (marginals.empty()) return;
   for (const auto& [id, covariance] : marginals.markers()) {
-    if (map->findPosed(id) != nullptr) map->setWorldCovariance(id, covariance);
+    if (grows_ && map->findPosed(id) != nullptr) map->setWorldCovariance(id, covariance);
   }
   marginals_ = std::move(marginals);
 }

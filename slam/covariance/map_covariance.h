@@ -31,12 +31,14 @@ struct MapCovarianceOptions {
 class MapCovariance {
  public:
   // Of a map that is there already; what it says of its markers is believed until more is known.
-  MapCovariance(const MarkerOptions& markers, const MapCovarianceOptions& options, const Map& map);
+  // grows: false where the map is only localized in, and stays as it is to the last bit.
+  MapCovariance(const MarkerOptions& markers, const MapCovarianceOptions& options, const Map& map,
+                bool grows = true);
 
   // Poses or views have changed: the marginals are due again.
   void noteChange() { due_ = true; }
-  // A slice of the recovery under way, or due; what is done goes into the map's markers, and then
-  // it says so. residual_sigma: of the map's whitened residuals.
+  // A slice of the recovery under way, or due; what is done goes into the markers of a map that
+  // grows, and then it says so. residual_sigma: of the map's whitened residuals.
   bool work(double residual_sigma, Map* map);
   // All of it at once.
   void recover(double residual_sigma, Map* map);
@@ -53,6 +55,7 @@ class MapCovariance {
 
   const MarkerOptions& markers_;
   const MapCovarianceOptions& options_;
+  bool grows_;
   MapMarginals marginals_;
   PlaceDoubt doubt_;
   bool due_ = false;

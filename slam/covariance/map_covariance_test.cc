@@ -174,6 +174,18 @@ TEST_F(MapCovarianceTest, OffItIsThatOfTheSolution) {
   EXPECT_TRUE(map.markers().at(3).world_covariance.isZero(0.0));
 }
 
+// Poses profit from what is recovered, but the map stays as it was.
+TEST_F(MapCovarianceTest, AMapThatDoesNotGrowStaysAsItIs) {
+  Map map = optimizedMap();
+  MapCovariance covariance(options_, covariance_options_, map, /*grows=*/false);
+  Frame frame;
+  look(map, testing::roomView(1.0), &frame);
+  const double before_m2 = variance_m2(covariance.inWorld(frame.solution, frame.known));
+  covariance.recover(1.0, &map);
+  EXPECT_TRUE(map.markers().at(3).world_covariance.isZero(0.0));
+  EXPECT_GT(variance_m2(covariance.inWorld(frame.solution, frame.known)), 1.5 * before_m2);
+}
+
 TEST_F(MapCovarianceTest, ItsOptionsAreChecked) {
   EXPECT_TRUE(covariance_options_.invalidReason().empty());
   covariance_options_.cost_per_frame = 0.0;
