@@ -60,13 +60,10 @@ Sequence sequenceOf(std::span<const LiveFrame> frames,
   for (std::size_t i = 0; i < frames.size(); ++i) {
     SequenceFrame& out = sequence.frames[i];
     out.time_ns = frames[i].monotonic_ns;
-    if (!poses[i] && !frames[i].pose) {
-      // Nothing was near; a single marker says no more than where it is.
-      sequence.of_one[i] = slam.localizeByOneMarker(recorded(frames, i, Transform{}));
-    } else {
-      const Transform& guess = frames[i].pose ? frames[i].pose->T_w_c : poses[i]->T_w_c;
-      sequence.of_one[i] = slam.localizeByOneMarker(recorded(frames, i, guess));
-    }
+    // Where nothing was near, a single marker says no more than where it is.
+    const auto& near = frames[i].pose ? frames[i].pose : poses[i];
+    const Transform guess = near ? near->T_w_c : Transform{};
+    sequence.of_one[i] = slam.localizeByOneMarker(recorded(frames, i, guess));
     if (const auto& both = sequence.of_one[i]) {
       out.poses = 2;
       out.marker = both->marker;
@@ -89,7 +86,7 @@ Sequence sequenceOf(std::span<const LiveFrame> frames,
 std::optional<PoseEstimate> poseOfOneMarker(const PosesOfOneMarker& both, double log_odds_of_first,
                                             const std::optional<PoseEstimate>& near,
                                             const SingleMarkerSequenceOptions& options) {
-  const bool two = both.barrier >= options.min_barrier;
+  const bool two = both.barrier >= options.judge.min_barrier;
   const double log_odds = std::abs(log_odds_of_first);
   if (two && log_odds < options.min_pose_log_odds) return std::nullopt;
   if (!two && !near) return std::nullopt;
@@ -102,12 +99,12 @@ std::optional<PoseEstimate> poseOfOneMarker(const PosesOfOneMarker& both, double
   }
   PoseEstimate pose = two ? both.poses[better] : *near;
   const PoseOfTwo of_two{pose.T_w_c, both.poses[1 - better].T_w_c, log_odds, both.barrier,
-                         two && log_odds >= options.min_log_odds};
+                         two && log_odds >= options.judge.min_log_odds};
   const Matrix6d cover = coverOfOtherPose(of_two);
   pose.covariance += cover;
   pose.view_covariance += cover;
   pose.ambiguity_ratio =
-      ambiguityOf(of_two, pose.ambiguity_ratio, options.decided_ratio, options.min_log_odds);
+      ambiguityOf(of_two, pose.ambiguity_ratio, options.decided_ratio, options.judge.min_log_odds);
   return pose;
 }
 

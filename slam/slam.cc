@@ -243,8 +243,7 @@ class Slam::Impl {
   void followMap(StageObserver* observer, FrameResult* result) {
     const StageScope scope(observer, Stage::kMap);
     if (result->map_changed || result->keyframe_added) covariance_.noteChange();
-    const bool news = covariance_.work(updater_.residualSigma(), &map_);
-    result->map_changed = result->map_changed || (news && options_.mapping);
+    if (covariance_.work(updater_.residualSigma(), &map_)) result->map_changed = true;
   }
 
   // What comes now may be at a loop's other end.

@@ -12,6 +12,7 @@
 #include "slam/geometry/small_cholesky.h"
 #include "slam/optimization/block_kernels.h"
 #include "slam/optimization/block_system.h"
+#include "slam/optimization/bundle_adjuster.h"
 
 namespace waymark::slam {
 namespace {
@@ -22,9 +23,6 @@ constexpr double kNotePair = 0.01;
 constexpr double kLinearizeView = 0.6;
 constexpr double kBlockProduct = 0.06;
 constexpr double kTakeBlock = 0.15;
-
-// As in the optimizations (BundleOptions::huber).
-constexpr double kHuber = 2.45;
 
 // Where nothing else says where a marker is, this does: standard deviations so large that they
 // show, and small enough to keep the system regular.
@@ -167,7 +165,7 @@ Task<MapMarginals> recoverMarginals(const Map& map, const MarkerOptions& markers
 
   BlockSystem system;
   (void)co_await system.arrange(std::move(neighbours), /*with_globals=*/false, budget);
-  const double huber = kHuber * residual_sigma;
+  const double huber = BundleOptions{}.huber * residual_sigma;  // as in the optimizations
   std::vector<LinearizedView> views;
   for (const PatternKeyframe& known : pattern.keyframes) {
     const auto n = static_cast<double>(known.seen.size());

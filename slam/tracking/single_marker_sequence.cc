@@ -62,8 +62,8 @@ StepLogs stepBetween(const SequenceFrame& a, const SequenceFrame& b, bool in_tur
   const double gap_s = secondsBetween(a, b);
   if (gap_s < 0.0) return {};  // another recording: all the same
   const bool one_marker = a.poses == 2 && b.poses == 2 && a.marker == b.marker;
-  if (one_marker && in_turn && gap_s <= options.max_gap_s) {
-    return stepOfOneTrack(a, b, options.max_log_odds);
+  if (one_marker && in_turn && gap_s <= options.judge.max_gap_s) {
+    return stepOfOneTrack(a, b, options.judge.max_log_odds);
   }
   StepLogs logs{};
   for (std::size_t i = 0; i < static_cast<std::size_t>(a.poses); ++i) {
@@ -97,7 +97,7 @@ Chain chainOf(std::span<const SequenceFrame> frames, const SingleMarkerSequenceO
   for (std::size_t i = 0; i < frames.size(); ++i) {
     const SequenceFrame& frame = frames[i];
     if (frame.poses == 0) continue;
-    if (frame.poses == 2 && frame.barrier < options.min_barrier) {
+    if (frame.poses == 2 && frame.barrier < options.judge.min_barrier) {
       in_turn = false;
       continue;
     }
@@ -105,7 +105,7 @@ Chain chainOf(std::span<const SequenceFrame> frames, const SingleMarkerSequenceO
                               ? StepLogs{}
                               : stepBetween(frames[chain.frames.back()], frame, in_turn, options));
     chain.frames.push_back(i);
-    chain.images.push_back(imageOf(frame, options.max_log_odds));
+    chain.images.push_back(imageOf(frame, options.judge.max_log_odds));
     in_turn = true;
   }
   return chain;
@@ -120,17 +120,15 @@ void normalize(PoseLogs* logs) {
 }  // namespace
 
 std::string SingleMarkerSequenceOptions::invalidReason() const {
-  return firstUnmet({{isPositive(min_log_odds), "min_log_odds must be positive"},
-                     {max_log_odds >= min_log_odds, "max_log_odds must be at least min_log_odds"},
-                     {isNotNegative(min_barrier), "min_barrier must not be negative"},
-                     {isNotNegative(max_gap_s), "max_gap_s must not be negative"},
-                     {isNotNegative(min_pose_log_odds), "min_pose_log_odds must not be negative"},
-                     {isPositive(speed_m_s), "speed_m_s must be positive"},
-                     {isPositive(turn_rad_s), "turn_rad_s must be positive"},
-                     {isPositive(place_sigma_m), "place_sigma_m must be positive"},
-                     {isPositive(place_sigma_rad), "place_sigma_rad must be positive"},
-                     {decided_ratio > 1.0, "decided_ratio must be above 1"},
-                     {isPositive(max_step_chi2), "max_step_chi2 must be positive"}});
+  return firstReason(
+      {judge.invalidReason(),
+       firstUnmet({{isNotNegative(min_pose_log_odds), "min_pose_log_odds must not be negative"},
+                   {isPositive(speed_m_s), "speed_m_s must be positive"},
+                   {isPositive(turn_rad_s), "turn_rad_s must be positive"},
+                   {isPositive(place_sigma_m), "place_sigma_m must be positive"},
+                   {isPositive(place_sigma_rad), "place_sigma_rad must be positive"},
+                   {decided_ratio > 1.0, "decided_ratio must be above 1"},
+                   {isPositive(max_step_chi2), "max_step_chi2 must be positive"}})});
 }
 
 std::vector<double> logOddsOfFirst(std::span<const SequenceFrame> frames,

@@ -13,17 +13,13 @@
 #include <vector>
 
 #include "slam/geometry/transform.h"
+#include "slam/tracking/single_marker.h"
 
 namespace waymark::slam {
 
 struct SingleMarkerSequenceOptions {
-  // As SingleMarkerOptions': odds from which a pose is taken for the right one, the most that is
-  // believed of one image or of one step, how distinct two poses must be to be two, and the gap up
-  // to which those of one marker are known by their likeness.
-  double min_log_odds = 8.0;
-  double max_log_odds = 24.0;
-  double min_barrier = 9.0;
-  double max_gap_s = 0.5;
+  // As of live frames. max_log_odds: the most that is believed of one image, or of one step.
+  SingleMarkerOptions judge{};
   // Odds from which an undecided frame has a pose at all, with the other one in its covariance;
   // below there is none. 3 is one in twenty.
   double min_pose_log_odds = 3.0;
@@ -55,7 +51,8 @@ struct SequenceFrame {
   std::array<Matrix6d, 2> covariance{};  // of (dp, dtheta): metres, radians, world frame
   // Of two: what the image says for the first, as the logarithm of its odds.
   double log_odds = 0.0;
-  // Of two: SingleMarkerView's. Below min_barrier they are not two, and say nothing of others.
+  // Of two: SingleMarkerView's. Below judge.min_barrier they are not two, and say nothing of
+  // others.
   double barrier = 0.0;
 };
 

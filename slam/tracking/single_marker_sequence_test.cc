@@ -70,7 +70,7 @@ TEST_F(SingleMarkerSequenceTest, SeveralMarkersDecideForThoseBeforeAndAfter) {
     if (i == 10) {
       EXPECT_EQ(values[i], 0.0) << "it has one pose only";
     } else {
-      EXPECT_GT(values[i], options_.min_log_odds) << i;
+      EXPECT_GT(values[i], options_.judge.min_log_odds) << i;
     }
   }
 }
@@ -81,13 +81,13 @@ TEST_F(SingleMarkerSequenceTest, TwoMarkersInTurnDecideForEachOther) {
   for (int i = 0; i < 10; ++i) frames_.push_back(ofOne(i, 1));
   for (const double value : odds()) EXPECT_NEAR(value, 0.0, 1e-9);
   for (int i = 10; i < 20; ++i) frames_.push_back(ofOne(i, 2));
-  for (const double value : odds()) EXPECT_GT(value, options_.min_log_odds);
+  for (const double value : odds()) EXPECT_GT(value, options_.judge.min_log_odds);
 }
 
 TEST_F(SingleMarkerSequenceTest, AStepSaysNoMoreThanItsLimit) {
   frames_ = {ofSeveral(0), ofOne(1, 1)};
   EXPECT_LE(odds()[1], 0.5 * options_.max_step_chi2);
-  EXPECT_GT(odds()[1], options_.min_log_odds);
+  EXPECT_GT(odds()[1], options_.judge.min_log_odds);
   // Both poses impossible: nothing is said for the one that is a little less so.
   frames_[0].T_w_c[0].p.y() = -50.0;
   EXPECT_NEAR(odds()[1], 0.0, 1e-9);
@@ -125,7 +125,7 @@ TEST_F(SingleMarkerSequenceTest, AWrongNeighbourIsOutvoted) {
   frames_.push_back(ofSeveral(0));
   frames_[0].T_w_c[0] = otherAt(0, 1);
   for (int i = 1; i < 200; ++i) frames_.push_back(ofOne(i, 1, 0.5));
-  EXPECT_GT(odds()[100], options_.min_log_odds);
+  EXPECT_GT(odds()[100], options_.judge.min_log_odds);
 }
 
 TEST_F(SingleMarkerSequenceTest, DegenerateInput) {
@@ -144,7 +144,7 @@ TEST_F(SingleMarkerSequenceTest, OptionsAreChecked) {
   EXPECT_EQ(options_.invalidReason(), "");
   options_.speed_m_s = 0.0;
   EXPECT_EQ(options_.invalidReason(), "speed_m_s must be positive");
-  options_ = {.max_log_odds = 1.0};
+  options_ = {.judge = {.max_log_odds = 1.0}};
   EXPECT_NE(options_.invalidReason(), "");
 }
 
