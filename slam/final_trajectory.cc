@@ -83,24 +83,25 @@ Sequence sequenceOf(std::span<const LiveFrame> frames,
 }
 
 // near: what the frame for itself would have, where there is such a pose.
-std::optional<PoseEstimate> poseOfOneMarker(const PosesOfOneMarker& both, double log_odds_of_first,
+std::optional<PoseEstimate> poseOfOneMarker(const PosesOfOneMarker& both,
+                                            const Eigen::Vector3d& marker_w,
+                                            double log_odds_of_first,
                                             const std::optional<PoseEstimate>& near,
                                             const SingleMarkerSequenceOptions& options) {
   const bool two = both.barrier >= options.judge.min_barrier;
   const double log_odds = std::abs(log_odds_of_first);
   if (two && log_odds < options.min_pose_log_odds) return std::nullopt;
   if (!two && !near) return std::nullopt;
-  std::size_t better = log_odds_of_first >= 0.0 ? 0 : 1;
-  if (!two) {
-    const auto turn = [&](std::size_t k) {
-      return rotationDistance(both.poses[k].T_w_c.R, near->T_w_c.R);
-    };
-    better = turn(0) <= turn(1) ? 0 : 1;
-  }
+  const std::size_t better = log_odds_of_first >= 0.0 ? 0 : 1;
   PoseEstimate pose = two ? both.poses[better] : *near;
-  const PoseOfTwo of_two{pose.T_w_c, both.poses[1 - better].T_w_c, log_odds, both.barrier,
-                         two && log_odds >= options.judge.min_log_odds};
-  const Matrix6d cover = coverOfOtherPose(of_two);
+  const PoseOfTwo of_two = PoseOfTwo{both.poses[better].T_w_c,
+                                     both.poses[1 - better].T_w_c,
+                                     marker_w,
+                                     log_odds,
+                                     both.barrier,
+                                     two && log_odds >= options.judge.min_log_odds}
+                               .at(pose.T_w_c);
+  const Matrix6d cover = coverOfOtherPose(of_two, pose.view_covariance);
   pose.covariance += cover;
   pose.view_covariance += cover;
   pose.ambiguity_ratio =
@@ -119,8 +120,10 @@ std::vector<FinalPose> localizeAll(std::span<const LiveFrame> frames,
     const Sequence sequence = sequenceOf(frames, poses, slam);
     const auto log_odds = logOddsOfFirst(sequence.frames, options.single_marker);
     for (std::size_t i = 0; i < frames.size(); ++i) {
-      if (!sequence.of_one[i]) continue;
-      poses[i] = poseOfOneMarker(*sequence.of_one[i], log_odds[i], poses[i], options.single_marker);
+      const auto& both = sequence.of_one[i];
+      if (!both) continue;
+      poses[i] = poseOfOneMarker(*both, slam.map().findPosed(both->marker)->T_w_m->p, log_odds[i],
+                                 poses[i], options.single_marker);
     }
   }
   std::vector<FinalPose> all(frames.size());

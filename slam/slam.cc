@@ -112,13 +112,13 @@ class Slam::Impl {
 
   [[nodiscard]] std::optional<PosesOfOneMarker> localizeByOneMarker(
       const RecordedFrame& frame) const {
-    const auto located =
-        locator_.locateByOneMarker(map_, frame, options_.tracking.relocalization.square);
+    auto located = locator_.locateByOneMarker(map_, frame, options_.tracking.relocalization.square);
     if (!located) return std::nullopt;
     PosesOfOneMarker both{
         located->known.front().detection->id, {}, located->view.log_odds, located->view.barrier};
     for (std::size_t i = 0; i < 2; ++i) {
-      const PoseSolution& solution = located->solutions[i];
+      PoseSolution& solution = located->solutions[i];
+      solution.widenTo(updater_.residualSigma() * updater_.residualSigma());
       both.poses[i] = tracker_.tracker().estimateOf(solution, located->known, frame.twist);
       both.poses[i].covariance = covariance_.inWorld(solution, located->known);
     }

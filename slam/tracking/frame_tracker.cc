@@ -4,21 +4,7 @@
 #include <cmath>
 #include <utility>
 
-#include "slam/tracking/single_marker_view.h"
-
 namespace waymark::slam {
-
-namespace {
-
-PoseOfTwo poseOfTwo(const SingleMarkerVerdict& verdict) {
-  return {verdict.T_w_c, verdict.other_T_w_c, verdict.log_odds, verdict.barrier, verdict.decided};
-}
-
-}  // namespace
-
-Matrix6d coverOfOtherPose(const TrackedFrame& frame) {
-  return frame.single ? coverOfOtherPose(poseOfTwo(*frame.single)) : Matrix6d::Zero();
-}
 
 FrameMarkers FrameTracker::split(const Map& map, std::span<const MarkerDetection> usable,
                                  const FrameTime& time, const std::optional<Prediction>& prediction,
@@ -44,7 +30,7 @@ TrackingOutcome FrameTracker::track(const Map& map, const FrameMarkers& markers,
   }
   std::span<const KnownMarker> eligible = markers.eligible;
   std::span<const KnownMarker> loop = markers.loop;
-  std::optional<SingleMarkerVerdict> single;
+  std::optional<PoseOfTwo> single;
   auto tracked = eligible.size() == 1
                      ? trackSingle(eligible.front(), markers.time.monotonic_ns, prediction, &single)
                      : tracker_.track(eligible, prediction);
@@ -86,14 +72,15 @@ TrackingOutcome FrameTracker::track(const Map& map, const FrameMarkers& markers,
 std::optional<TrackedPose> FrameTracker::trackSingle(const KnownMarker& marker,
                                                      std::int64_t time_ns,
                                                      const std::optional<Prediction>& prediction,
-                                                     std::optional<SingleMarkerVerdict>* verdict) {
+                                                     std::optional<PoseOfTwo>* single) {
   const auto expected =
       prediction && certain_ ? std::optional(prediction->T_w_c) : std::optional<Transform>();
-  *verdict = judge_.judge(marker, time_ns, expected);
-  if (!*verdict || (!(*verdict)->decided && !prediction)) return std::nullopt;
-  const Transform& start = (*verdict)->decided ? (*verdict)->T_w_c : prediction->T_w_c;
+  *single = judge_.judge(marker, time_ns, expected);
+  if (!*single || (!(*single)->decided && !prediction)) return std::nullopt;
+  const Transform& start = (*single)->decided ? (*single)->T_w_c : prediction->T_w_c;
   auto solution = tracker_.optimizer().optimize({&marker, 1}, start);
   if (!solution || !tracker_.optimizer().acceptable(*solution)) return std::nullopt;
+  *single = (*single)->at(solution->T_w_c);
   TrackedPose tracked;
   const bool goes_on = prediction && rotationDistance(solution->T_w_c.R, prediction->T_w_c.R) <
                                          options_.relocalization.other_rotation_rad;
@@ -110,8 +97,8 @@ PoseEstimate FrameTracker::estimateOf(const TrackedFrame& frame) const {
   estimate.covariance += cover;
   estimate.view_covariance += cover;
   estimate.ambiguity_ratio =
-      ambiguityOf(poseOfTwo(*frame.single), estimate.ambiguity_ratio,
-                  options_.relocalization.ambiguity_ratio, options_.single_marker.min_log_odds);
+      ambiguityOf(*frame.single, estimate.ambiguity_ratio, options_.relocalization.ambiguity_ratio,
+                  options_.single_marker.min_log_odds);
   return estimate;
 }
 

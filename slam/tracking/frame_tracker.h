@@ -35,8 +35,8 @@ struct TrackedFrame {
   PoseSolution solution;  // one flag for each of `eligible`
   Twist twist = Twist::Zero();
   TrackingMethod method = TrackingMethod::kPredicted;
-  // Of a single marker's two poses; empty where several markers were in view.
-  std::optional<SingleMarkerVerdict> single;
+  // As one of a single marker's two poses; empty where several markers were in view.
+  std::optional<PoseOfTwo> single;
   std::span<const KnownMarker> eligible;  // what it was found from
   std::span<const KnownMarker> loop;
   std::span<const MarkerDetection> fitting;  // once FrameTracker::fit() has told
@@ -46,10 +46,11 @@ struct TrackedFrame {
 [[nodiscard]] inline bool isCertain(const TrackedFrame& frame) {
   return !frame.single || frame.single->decided;
 }
-// What the covariance of a pose from a single marker has to be widened by: as far as its corners
-// allow along the way to the other pose, which is no parabola; and where nothing is decided, to the
-// other pose as often as that is the right one.
-[[nodiscard]] Matrix6d coverOfOtherPose(const TrackedFrame& frame);
+// What its covariances have to be widened by; zero where several markers were in view.
+[[nodiscard]] inline Matrix6d coverOfOtherPose(const TrackedFrame& frame) {
+  return frame.single ? coverOfOtherPose(*frame.single, frame.solution.covariance)
+                      : Matrix6d::Zero();
+}
 
 // As a keyframe of what fits.
 [[nodiscard]] inline Keyframe keyframeOf(const TrackedFrame& frame,
@@ -128,7 +129,7 @@ class FrameTracker {
   [[nodiscard]] std::optional<TrackedPose> trackSingle(const KnownMarker& marker,
                                                        std::int64_t time_ns,
                                                        const std::optional<Prediction>& prediction,
-                                                       std::optional<SingleMarkerVerdict>* verdict);
+                                                       std::optional<PoseOfTwo>* single);
   void deskewAgain(const Map& map, TrackedFrame* frame);
 
   const CameraModel& camera_;

@@ -5,7 +5,6 @@
 #include <utility>
 
 #include "slam/option_checks.h"
-#include "slam/tracking/single_marker_view.h"
 
 namespace waymark::slam {
 namespace {
@@ -23,9 +22,8 @@ std::string SingleMarkerOptions::invalidReason() const {
                      {isNotNegative(max_gap_s), "max_gap_s must not be negative"}});
 }
 
-std::optional<SingleMarkerVerdict> SingleMarkerJudge::judge(
-    const KnownMarker& marker, std::int64_t time_ns,
-    const std::optional<Transform>& expected_T_w_c) {
+std::optional<PoseOfTwo> SingleMarkerJudge::judge(const KnownMarker& marker, std::int64_t time_ns,
+                                                  const std::optional<Transform>& expected_T_w_c) {
   const auto view = viewSingleMarker(marker, focal_px_, square_);
   if (!view) {
     track_.reset();
@@ -54,9 +52,12 @@ std::optional<SingleMarkerVerdict> SingleMarkerJudge::judge(
   track_ = Track{id, time_ns, T_m_c, log_odds};
 
   const std::size_t better = log_odds >= 0.0 ? 0 : 1;
-  return SingleMarkerVerdict{marker.T_w_m * T_m_c[better], marker.T_w_m * T_m_c[1 - better],
-                             std::abs(log_odds), view->barrier,
-                             std::abs(log_odds) >= options_.min_log_odds};
+  return PoseOfTwo{marker.T_w_m * T_m_c[better],
+                   marker.T_w_m * T_m_c[1 - better],
+                   marker.T_w_m.p,
+                   std::abs(log_odds),
+                   view->barrier,
+                   std::abs(log_odds) >= options_.min_log_odds};
 }
 
 }  // namespace waymark::slam

@@ -11,6 +11,7 @@
 
 #include "slam/camera_pose/known_marker.h"
 #include "slam/marker_pose/square_pose.h"
+#include "slam/tracking/single_marker_view.h"
 
 namespace waymark::slam {
 
@@ -31,28 +32,17 @@ struct SingleMarkerOptions {
   [[nodiscard]] std::string invalidReason() const;
 };
 
-struct SingleMarkerVerdict {
-  Transform T_w_c;        // the pose that more speaks for
-  Transform other_T_w_c;  // and the other one
-  double log_odds = 0.0;  // of the first over the second; not negative
-  // How much worse the pose half-way between them explains the image, in squared whitened
-  // residuals.
-  double barrier = 0.0;
-  bool decided = false;
-};
-
 class SingleMarkerJudge {
  public:
   SingleMarkerJudge(double focal_px, const SingleMarkerOptions& options,
                     const SquarePoseOptions& square)
       : focal_px_(focal_px), options_(options), square_(square) {}
 
-  // A frame of that time in which only this marker counts. expected_T_w_c: where the camera must
-  // be, as several markers said a moment ago; it decides at the start. Empty where the corners give
-  // no pose.
-  [[nodiscard]] std::optional<SingleMarkerVerdict> judge(
-      const KnownMarker& marker, std::int64_t time_ns,
-      const std::optional<Transform>& expected_T_w_c);
+  // A frame of that time in which only this marker counts: of its two poses the one that more
+  // speaks for. expected_T_w_c: where the camera must be, as several markers said a moment ago; it
+  // decides at the start. Empty where the corners give no pose.
+  [[nodiscard]] std::optional<PoseOfTwo> judge(const KnownMarker& marker, std::int64_t time_ns,
+                                               const std::optional<Transform>& expected_T_w_c);
   // Others were in view, or none.
   void forget() { track_.reset(); }
 

@@ -26,16 +26,22 @@ struct SingleMarkerView {
 
 // A pose that is one of two.
 struct PoseOfTwo {
-  Transform T_w_c;        // the pose that more speaks for
-  Transform other_T_w_c;  // and the other one
-  double log_odds = 0.0;  // of the first over the second; not negative
-  double barrier = 0.0;   // as SingleMarkerView's
+  Transform T_w_c;           // the pose
+  Transform other_T_w_c;     // and the other one
+  Eigen::Vector3d marker_w;  // the middle of the marker, world frame, metres
+  double log_odds = 0.0;     // of the pose over the other one
+  double barrier = 0.0;      // as SingleMarkerView's
   bool decided = false;
+
+  // The same, told of the refined pose of one of them.
+  [[nodiscard]] PoseOfTwo at(const Transform& refined_T_w_c) const;
 };
-// What its covariance has to be widened by: as far as the corners allow along the way to the other
-// pose, which is no parabola; and where nothing is decided, to the other pose as often as that is
-// the right one.
-[[nodiscard]] Matrix6d coverOfOtherPose(const PoseOfTwo& pose);
+// What its covariance has to be widened by. As far as the corners allow along the way to the other
+// pose, which is no parabola. Where nothing is decided, to the other pose as often as that is the
+// right one. And by the arc: a camera turned about the marker leaves the tangent, which (dp,
+// dtheta) are linear along, by more than it errs across it. view_covariance: of (dp, dtheta) given
+// the marker's place.
+[[nodiscard]] Matrix6d coverOfOtherPose(const PoseOfTwo& pose, const Matrix6d& view_covariance);
 // The ambiguity that is told of it: at least `unambiguous` once it is decided, below until then.
 // image: what the image alone would say. min_log_odds: those of a decision.
 [[nodiscard]] double ambiguityOf(const PoseOfTwo& pose, double image, double unambiguous,

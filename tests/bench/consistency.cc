@@ -24,13 +24,33 @@ namespace waymark::bench {
 namespace {
 
 struct Arguments {
-  std::vector<std::string> scenes = {"walls", "ceiling", "revisit", "box", "spin", "dolly"};
+  std::vector<std::string> scenes = {"walls", "ceiling", "revisit", "box",   "spin",
+                                     "dolly", "moved",   "doubled", "stress"};
   int runs = 50;
   std::uint64_t seed = 1;
   double sigma_px = 0.1;
   double duration_s = 0.0;  // 0: the scene's
   bool images = false;      // rendered and detected, instead of corners of known noise
 };
+
+// A scene of the simulator, or walls with what can go wrong there, as scripts/evaluate has it.
+simulator::Options optionsOf(const std::string& scene) {
+  simulator::Options options;
+  if (scene == "moved") {
+    options.moved_marker = {.id = 4, .at_s = 10.0, .offset_m = {0.15, 0.0, 0.05}};
+  } else if (scene == "doubled") {
+    options.doubled_id = 18;
+  } else if (scene == "stress") {  // of corners, the blackout only
+    options.rate_hz = 30.0;
+    options.noise_sigma = 5.0;
+    options.exposure_s = 0.015;
+    options.readout_s = 0.02;
+    options.blackouts = {{.begin_s = 12.0, .end_s = 13.5}};
+  } else {
+    options.scene = scene;
+  }
+  return options;
+}
 
 // NEES of what is told of a quantity of 6 dimensions; empty where the covariance is singular.
 std::optional<double> nees(const slam::Transform& truth, const slam::Transform& estimate,
@@ -68,7 +88,8 @@ void addMarkers(const slam::Map& map, const std::vector<simulator::Marker>& mark
                 const slam::Transform& T_w_scene, Sum* sum) {
   for (const simulator::Marker& truth : markers) {
     const slam::MapMarker* const marker = map.findPosed(truth.id);
-    if (marker == nullptr) continue;
+    const auto prints = std::ranges::count(markers, truth.id, &simulator::Marker::id);
+    if (marker == nullptr || prints > 1) continue;
     const auto value = nees(T_w_scene * truth.T_w_m, *marker->T_w_m, marker->world_covariance);
     if (value) sum->add(*value);
   }
@@ -96,9 +117,10 @@ class Source {
       simulation_.render(k, &workspace_, pixels_.data());
       input.image = ImageView{pixels_.data(), lens.width, lens.height, lens.width};
     } else {
-      detections_ =
-          simulator::observeCorners(camera_, simulation_.poseAt(k), simulation_.visibleMarkers(k),
-                                    static_cast<std::uint64_t>(k), noise_);
+      const auto in_view =
+          simulation_.isDark(k) ? std::vector<simulator::Marker>{} : simulation_.visibleMarkers(k);
+      detections_ = simulator::observeCorners(camera_, simulation_.poseAt(k), in_view,
+                                              static_cast<std::uint64_t>(k), noise_);
       input.detections = detections_;
     }
     return input;
@@ -115,8 +137,7 @@ class Source {
 };
 
 Status runOnce(const Arguments& arguments, std::uint64_t seed, SceneReport* report) {
-  simulator::Options asked;
-  asked.scene = report->scene;
+  simulator::Options asked = optionsOf(report->scene);
   asked.seed = seed;
   if (arguments.duration_s > 0.0) asked.duration_s = arguments.duration_s;
   const auto made = simulator::Simulation::create(asked, simulator::Ending::kOfTheScene);
@@ -222,7 +243,8 @@ int main(int argc, char** argv) {
   using namespace waymark;
   bench::Arguments arguments;
   CLI::App app{"Whether the covariances are those of the errors", "consistency"};
-  app.add_option("scenes", arguments.scenes, "Scenes of the simulator")->capture_default_str();
+  app.add_option("scenes", arguments.scenes, "Scenes of the simulator; moved, doubled, stress")
+      ->capture_default_str();
   app.add_option("--runs", arguments.runs)->capture_default_str()->check(CLI::PositiveNumber);
   app.add_option("--seed", arguments.seed, "Of the first run")->capture_default_str();
   app.add_option("--sigma", arguments.sigma_px, "Noise of the corners, pixels")
