@@ -116,6 +116,8 @@ class Map {
   void removeKeyframe(KeyframeId id);
   // Precondition: the keyframe exists.
   void setKeyframePose(KeyframeId id, const Transform& T_w_c) { keyframes_.at(id).T_w_c = T_w_c; }
+  // Precondition: the keyframe exists.
+  void setKeyframeTwist(KeyframeId id, const Vector6d& twist) { keyframes_.at(id).twist = twist; }
   // In place of another one between the two. Preconditions: both exist; link.to is the older one.
   void addLink(KeyframeId id, const KeyframeLink& link);
   // One more detection of a keyframe. Preconditions: the keyframe exists and does not see the

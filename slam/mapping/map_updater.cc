@@ -1,13 +1,32 @@
 #include "slam/mapping/map_updater.h"
 
 #include <algorithm>
+#include <cstdint>
 #include <optional>
+#include <utility>
 
 namespace waymark::slam {
+
+Transform MapUpdater::begin(const Start& start, Map* map) {
+  start_moves_ = true;
+  return mapper_.begin(start, map, counters_);
+}
+
+// The first keyframes came before any motion was known: what the next frame shows of it is theirs.
+// Else a rolling shutter's corners stay as they were seen in what is to be the world.
+void MapUpdater::tellStartItsMotion(const TrackedFrame& frame, Map* map) {
+  constexpr std::int64_t kLater_ns = 200'000'000;  // the motion is another one by then
+  if (!std::exchange(start_moves_, false)) return;
+  for (const auto& [id, keyframe] : map->keyframes()) {
+    if (frame.time.monotonic_ns - keyframe.monotonic_ns > kLater_ns) continue;
+    map->setKeyframeTwist(id, frame.twist);
+  }
+}
 
 MapGrowth MapUpdater::grow(const TrackedFrame& frame, Map* map) {
   MapGrowth growth;
   fitting_.assign(frame.fitting.begin(), frame.fitting.end());
+  tellStartItsMotion(frame, map);
   const LoopJunction junction = loops_.closeOrJoin(*map, residualSigma(), frame, fitting_);
   if (junction.joins) {
     fitting_.insert(fitting_.end(), junction.joined.begin(), junction.joined.end());

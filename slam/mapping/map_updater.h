@@ -57,7 +57,7 @@ class MapUpdater {
                screening, counters) {}
 
   // The first keyframes and markers of an empty map. Returns where the last of them is.
-  Transform begin(const Start& start, Map* map) { return mapper_.begin(start, map, counters_); }
+  Transform begin(const Start& start, Map* map);
   [[nodiscard]] MapGrowth grow(const TrackedFrame& frame, Map* map);
   // Tracking was lost: a closure under way is of no use any more.
   void cancelLoopClosure() { loops_.cancel(); }
@@ -80,12 +80,14 @@ class MapUpdater {
   void resolveAll(Map* map) { mapper_.resolveAll(map); }
 
  private:
+  void tellStartItsMotion(const TrackedFrame& frame, Map* map);
   [[nodiscard]] bool screenMarkers(const TrackedFrame& frame, Map* map);
 
   MapUpdaterOptions options_;
   const CameraModel& camera_;
   MarkerScreening* screening_;
   RollingShutterEstimator* rolling_shutter_;
+  bool start_moves_ = false;  // nothing is known yet of how the first keyframes moved
   Counters* counters_;
   Mapper mapper_;
   LoopClosureManager loops_;
