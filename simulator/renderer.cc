@@ -239,6 +239,7 @@ void Renderer::renderSurfaceRow(int row, const slam::Transform& T_w_c,
       const float uz = a[0] * x[i] + a[1] * y[i] + a[2];
       const float vz = b[0] * x[i] + b[1] * y[i] + b[2];
       const float w = c[0] * x[i] + c[1] * y[i] + c[2];
+      // Without jumps, for vectors. NOLINTNEXTLINE(clang-diagnostic-bitwise-instead-of-logical)
       const bool hit =
           (w > nearest[i]) & (std::abs(uz) <= half_u * w) & (std::abs(vz) <= half_v * w);
       nearest[i] = hit ? w : nearest[i];

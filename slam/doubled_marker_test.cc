@@ -56,8 +56,8 @@ class MarkerPainter {
     constexpr int kRays = 5;  // a side
     double sum = 0.0;
     for (int i = 0; i < kRays * kRays; ++i) {
-      const Eigen::Vector2d at(x - 0.5 + (i % kRays + 0.5) / kRays,
-                               y - 0.5 + (i / kRays + 0.5) / kRays);
+      const int row = i / kRays;
+      const Eigen::Vector2d at(x - 0.5 + (i % kRays + 0.5) / kRays, y - 0.5 + (row + 0.5) / kRays);
       sum += grey(T_m_c, id, at).value_or(behind);
     }
     return static_cast<std::uint8_t>(std::lround(sum / (kRays * kRays)));

@@ -163,7 +163,7 @@ Status Stream::requestBuffers(int count) {
   dma_bufs_.resize(static_cast<std::size_t>(got));
   buffers_ = CameraBuffers(got);
   for (int i = 0; i < got; ++i) {
-    if (const Status mapped = map(i); !mapped) return mapped;
+    if (Status mapped = map(i); !mapped) return mapped;
     exportDmaBuf(i);
   }
   return success();
@@ -193,7 +193,7 @@ void Stream::exportDmaBuf(int index) {
 
 Status Stream::start() {
   for (int i = 0; i < buffers_.count(); ++i) {
-    if (const Status queued = enqueue(i); !queued) return queued;
+    if (Status queued = enqueue(i); !queued) return queued;
   }
   std::uint32_t type = device_->bufferType();
   if (device_->call(VIDIOC_STREAMON, &type) == 0) return success();

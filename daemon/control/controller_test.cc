@@ -75,7 +75,7 @@ class ControllerTest : public testing::MapWorkerFixture {
     ASSERT_TRUE(opened) << opened.error().message;
     server_ = std::move(opened).value();
     server_->setHandler([this](ControlServer::ClientId client, const std::string& line) {
-      const ControlServer::Answer answer = controller_->handle(client, line);
+      ControlServer::Answer answer = controller_->handle(client, line);
       answered_at_once_ = answer.line.has_value();
       bad_request_ = answer.bad_request;
       return answer;
@@ -241,7 +241,7 @@ TEST_F(ControllerTest, RecordingIsStartedAndStopped) {
   ASSERT_TRUE(state_becomes("recording"));
   constexpr std::array<std::uint8_t, 3> kMessage = {1, 2, 3};
   recorder_->addMessage("POSE", kMessage, 5);  // there is no file before there is something in it
-  ASSERT_TRUE(eventually([&] { return askFor("status")["recorder"]["file"] != ""; }));
+  ASSERT_TRUE(eventually([&] { return !askFor("status")["recorder"]["file"].get<std::string>().empty(); }));
   const std::string file = askFor("status")["recorder"]["file"];
   EXPECT_TRUE(file.starts_with((directory_ / "logs").string())) << file;
   EXPECT_TRUE(fs::exists(file));

@@ -22,7 +22,7 @@ using waymark::testing::allocations;
 // A camera, a SLAM loop on its own thread, and nobody else.
 class Loop {
  public:
-  Loop(simulator::LiveSimulatedSource& camera, slam::Options options, slam::Map map)
+  Loop(simulator::LiveSimulatedSource& camera, const slam::Options& options, slam::Map map)
       : camera_(camera),
         requests_(frames_),
         slam_loop_(std::make_unique<slam::Slam>(slam::CameraModel(camera.camera()),

@@ -206,7 +206,8 @@ TEST(NormalEquations, TheReadoutsGradientMatchesFiniteDifferences) {
   for (const bool with_lens : {false, true}) {
     Scenario s(5, 0.3, 3, 1, 4);
     if (with_lens) s.disturbLens(testing::staleLens(), testing::lensSigma());
-    BundleProblem::Shutter& shutter = s.problem.shutter.emplace();
+    s.problem.shutter = BundleProblem::Shutter{};
+    BundleProblem::Shutter& shutter = *s.problem.shutter;
     shutter.readout_s = 0.004;
     shutter.corrected_with_s = 0.001;
     for (std::size_t o = 0; o < s.problem.observations.size(); ++o) {

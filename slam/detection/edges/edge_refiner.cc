@@ -71,6 +71,7 @@ float ringWhite(const MarkerSide& side, const InnerRing& ring, std::size_t index
                 double blur_px) {
   const double d = t + side.perspective * (1.0 - t);
   const double u = side.cells * t / d;  // MarkerSide::printCoordinate()
+  // u is not negative. NOLINTNEXTLINE(bugprone-incorrect-roundings)
   const int boundary = static_cast<int>(u + 0.5);
   const float before = ring.cell(index, boundary - 1);
   const float after = ring.cell(index, boundary);

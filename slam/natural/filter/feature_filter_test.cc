@@ -88,8 +88,7 @@ TEST(FeatureFilter, ExactBearingsWouldLie) {
 }
 
 Path still(unsigned seed) {
-  const Transform T = walk(seed)(1.0);
-  return [T](double) { return T; };
+  return [T = walk(seed)(1.0)](double) { return T; };
 }
 
 TEST(FeatureFilter, StandingStillCostsNothing) {
