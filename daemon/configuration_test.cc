@@ -83,6 +83,12 @@ TEST(Configuration, TheExampleWithEverythingUncommentedChangesNoDefault) {
   EXPECT_EQ(o.follower.schedule.round_s, e.follower.schedule.round_s);
   EXPECT_EQ(o.work_per_frame, e.work_per_frame);
   EXPECT_EQ(o.covariance.enabled, e.covariance.enabled);
+  EXPECT_EQ(o.natural.enabled, e.natural.enabled);
+  EXPECT_EQ(o.natural.filter.filter.max_features, e.natural.filter.filter.max_features);
+  EXPECT_EQ(o.natural.integrator.max_markers, e.natural.integrator.max_markers);
+  EXPECT_EQ(o.natural.integrator.max_prediction_s, e.natural.integrator.max_prediction_s);
+  EXPECT_EQ(o.natural.integrator.max_error_m, e.natural.integrator.max_error_m);
+  EXPECT_EQ(o.natural.integrator.max_error_rad, e.natural.integrator.max_error_rad);
   EXPECT_EQ(o.covariance.cost_per_frame, e.covariance.cost_per_frame);
   EXPECT_EQ(o.initialization.ambiguity_ratio, e.initialization.ambiguity_ratio);
   EXPECT_EQ(o.tracking.pose.marker_chi2, e.tracking.pose.marker_chi2);

@@ -18,6 +18,8 @@ const char* nameOf(FrameStatus status) {
       return "initializing";
     case FrameStatus::kTracking:
       return "tracking";
+    case FrameStatus::kBridging:
+      return "bridging";
     case FrameStatus::kRelocalizing:
       return "relocalizing";
     case FrameStatus::kLost:
@@ -72,8 +74,8 @@ std::string framePoseText(const slam::PoseEstimate& pose) {
       text += ',' + roundTrip(pose.covariance(row, column));
     }
   }
-  return text + ',' + std::to_string(pose.markers_used) + ",0," +
-         roundTrip(pose.reprojection_rms_px);
+  return text + ',' + std::to_string(pose.markers_used) + ',' + std::to_string(pose.features_used) +
+         ',' + roundTrip(pose.reprojection_rms_px);
 }
 
 }  // namespace

@@ -14,7 +14,8 @@ namespace waymark::io {
 
 enum class FrameStatus {
   kInitializing,  // there is no map yet
-  kTracking,      // this frame has a pose
+  kTracking,      // this frame has a pose from markers
+  kBridging,      // it has one, from natural features or motion
   kRelocalizing,  // live: there is a map, but this frame has no pose
   kLost,          // at the end: the same
 };
@@ -29,7 +30,7 @@ struct FramePose {
 
 // A line for each frame, below a line with the names of the columns: seconds; frame; status;
 // source; piece of the map, 0; position in metres; quaternion; the upper triangle of the covariance
-// in the world, row by row, metres and radians; markers; natural features, 0; RMS in pixels;
+// in the world, row by row, metres and radians; markers; natural features; RMS in pixels;
 // reason; ambiguity ratio. Fields that only a pose has are empty without one. Equal input, equal
 // bytes.
 [[nodiscard]] std::string formatFramePoses(std::span<const FramePose> frames);

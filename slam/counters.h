@@ -23,6 +23,9 @@ struct Counters {
   std::uint64_t quarantined_markers = 0;
   std::uint64_t gated_views = 0;
   std::uint64_t refused_markers = 0;
+  std::uint64_t bridged_frames = 0;
+  std::uint64_t predicted_frames = 0;
+  std::uint64_t filter_restarts = 0;
   std::uint64_t full_scans = 0;
   std::uint64_t followed_frames = 0;
   std::uint64_t frames_in_other_world = 0;
@@ -68,6 +71,12 @@ inline constexpr std::array kCounters = {
                  "views too far off for a local optimization"},
     NamedCounter{"refused_markers", &Counters::refused_markers,
                  "markers printed twice, or moved again and again"},
+    NamedCounter{"bridged_frames", &Counters::bridged_frames,
+                 "frames whose pose is from natural features, as no marker gave one"},
+    NamedCounter{"predicted_frames", &Counters::predicted_frames,
+                 "frames whose pose is from the motion alone"},
+    NamedCounter{"filter_restarts", &Counters::filter_restarts,
+                 "times the filter of natural features contradicted the markers, and began anew"},
     NamedCounter{"full_scans", &Counters::full_scans, "frames searched as a whole"},
     NamedCounter{"followed_frames", &Counters::followed_frames,
                  "frames searched where markers were expected, and in turns"},

@@ -109,6 +109,78 @@ std::optional<PoseEstimate> poseOfOneMarker(const PosesOfOneMarker& both,
   return pose;
 }
 
+// Frames between markers, whose poses were carried live (PoseSource::kNaturalFeatures): from one
+// frame with markers to the next one, the live poses, corrected by what the two ends turned out to
+// be off, the second one's share growing with the time.
+class GapFiller {
+ public:
+  GapFiller(std::span<const LiveFrame> frames, std::vector<std::optional<PoseEstimate>>* poses)
+      : frames_(frames), poses_(*poses) {}
+
+  void fill() {
+    std::optional<std::size_t> before;
+    std::size_t i = 0;
+    while (i < frames_.size()) {
+      if (!wasCarried(i)) {
+        before.reset();
+        if (hasBoth(i)) before = i;
+        ++i;
+        continue;
+      }
+      std::size_t end = i;
+      while (end < frames_.size() && wasCarried(end)) ++end;
+      if (before) fill(*before, i, end);
+      before.reset();
+      i = end;
+    }
+  }
+
+ private:
+  [[nodiscard]] bool wasCarried(std::size_t i) const {
+    return !poses_[i] && frames_[i].pose && frames_[i].pose->source != PoseSource::kMarkers;
+  }
+  [[nodiscard]] bool hasBoth(std::size_t i) const { return poses_[i] && frames_[i].pose; }
+
+  // T_final_live of the last carried frame, as the next frame with markers says; its motion in
+  // between was told live.
+  [[nodiscard]] std::optional<Transform> correctionAtEnd(std::size_t last) const {
+    const std::size_t next = last + 1;
+    if (next >= frames_.size() || !hasBoth(next)) return std::nullopt;
+    const PoseEstimate& live = *frames_[last].pose;
+    const double dt_s =
+        1e-9 * static_cast<double>(frames_[next].monotonic_ns - frames_[last].monotonic_ns);
+    const Transform T_last_next{expSo3(Eigen::Vector3d(dt_s * live.twist.tail<3>())),
+                                dt_s * live.twist.head<3>()};
+    return poses_[next]->T_w_c * T_last_next.inverse() * live.T_w_c.inverse();
+  }
+
+  void fill(std::size_t before, std::size_t begin, std::size_t end) {
+    const Transform at_begin = poses_[before]->T_w_c * frames_[before].pose->T_w_c.inverse();
+    const auto at_end = correctionAtEnd(end - 1);
+    const auto seconds = [&](std::size_t from, std::size_t to) {
+      return 1e-9 * static_cast<double>(frames_[to].monotonic_ns - frames_[from].monotonic_ns);
+    };
+    for (std::size_t i = begin; i < end; ++i) {
+      PoseEstimate pose = *frames_[i].pose;
+      const Transform begun = at_begin * pose.T_w_c;
+      pose.T_w_c = begun;
+      if (at_end) {
+        // Between two known ends an error is as large as from the nearer one at most.
+        const double share = seconds(before, i) / seconds(before, end);
+        const Vector6d apart = begun.localCoordinates(*at_end * frames_[i].pose->T_w_c);
+        pose.T_w_c = begun.retract(share * apart);
+        pose.covariance = (1.0 - share) * pose.covariance + share * poses_[end]->covariance;
+        pose.view_covariance =
+            (1.0 - share) * pose.view_covariance + share * poses_[end]->view_covariance;
+      }
+      poses_[i] = pose;
+    }
+  }
+
+  std::span<const LiveFrame> frames_;
+  std::vector<std::optional<PoseEstimate>>& poses_;
+};
+
 }  // namespace
 
 std::vector<FinalPose> localizeAll(std::span<const LiveFrame> frames,
@@ -126,6 +198,7 @@ std::vector<FinalPose> localizeAll(std::span<const LiveFrame> frames,
                                  poses[i], options.single_marker);
     }
   }
+  if (any) GapFiller(frames, &poses).fill();
   std::vector<FinalPose> all(frames.size());
   for (std::size_t i = 0; i < frames.size(); ++i) {
     if (!poses[i]) all[i].reason = reasonFor(frames[i], slam.map());

@@ -36,10 +36,10 @@ class FinalTrajectoryTest : public ::testing::Test {
                            Eigen::Vector3d::Zero());
   }
   // Both markers in the frames from `from` up to `to`, else the first alone.
-  std::vector<LiveFrame> approach(int from, int to, Slam* slam) {
+  std::vector<LiveFrame> approach(int from, int to, Slam* slam, double sigma_px = 0.1) {
     std::vector<LiveFrame> frames;
     for (int i = 0; i < kCount; ++i) {
-      auto seen = testing::observeAll(camera_, eyeAt(i), markers_, kSide_m, 0.1, &rng_);
+      auto seen = testing::observeAll(camera_, eyeAt(i), markers_, kSide_m, sigma_px, &rng_);
       if (i < from || i >= to) std::erase_if(seen, [](const auto& d) { return d.id == 2; });
       const FrameTime time{static_cast<std::uint64_t>(i), i * 33'333'333LL};
       auto result = slam->process({.time = time, .detections = seen});
@@ -134,6 +134,43 @@ TEST_F(FinalTrajectoryTest, WhatIsUndecidedSaysSo) {
     const Vector6d error = frame.pose->T_w_c.localCoordinates(eyeAt(i));
     EXPECT_LT(error.dot(frame.pose->covariance.ldlt().solve(error)), 30.0);
   }
+}
+
+// A gap whose live poses drifted by 3 cm until the next marker was seen.
+TEST_F(FinalTrajectoryTest, BetweenMarkersBothEndsCorrectWhatWasCarried) {
+  constexpr int kBegin = 30;
+  constexpr int kEnd = 60;
+  constexpr double kDrift_m = 0.001;  // a frame
+  const auto carry = [&](int i, LiveFrame* frame) {
+    const double frame_s = 1.0 / 30.0;
+    PoseEstimate pose;
+    const Transform step = eyeAt(i).inverse() * eyeAt(i + 1);
+    pose.twist << step.p / frame_s, logSo3(step.R) / frame_s;
+    pose.T_w_c = eyeAt(i);
+    pose.T_w_c.p.x() += kDrift_m * (i - kBegin + 1);
+    pose.covariance = pose.view_covariance = 1e-4 * (i - kBegin + 1) * Matrix6d::Identity();
+    pose.source = PoseSource::kNaturalFeatures;
+    frame->pose = pose;
+    frame->detections.clear();
+  };
+  Slam slam = makeSlam();
+  auto frames = approach(0, kCount, &slam, 0.002);
+  for (int i = kBegin; i < kEnd; ++i) carry(i, &frames[static_cast<std::size_t>(i)]);
+  const auto all = localizeAll(frames, {}, slam);
+  for (int i = kBegin; i < kEnd; ++i) {
+    const auto& pose = all[static_cast<std::size_t>(i)].pose;
+    ASSERT_TRUE(pose) << i;
+    EXPECT_EQ(pose->source, PoseSource::kNaturalFeatures);
+    EXPECT_LT((pose->T_w_c.p - eyeAt(i).p).norm(), 0.008) << i;
+  }
+  const auto& last = *all[kEnd - 1].pose;
+  EXPECT_LT(last.covariance.trace(), frames[kEnd - 1].pose->covariance.trace());
+
+  // Nothing comes after it: what was told live stands.
+  frames.resize(kEnd);
+  const auto open = localizeAll(frames, {}, slam);
+  ASSERT_TRUE(open[kEnd - 1].pose);
+  EXPECT_NEAR((open[kEnd - 1].pose->T_w_c.p - eyeAt(kEnd - 1).p).norm(), 0.03, 0.008);
 }
 
 TEST_F(FinalTrajectoryTest, FramesWithoutAPoseSayWhy) {

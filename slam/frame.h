@@ -40,7 +40,8 @@ struct FrameInput {
 // What the system is doing; seed 1, Fig. 4.
 enum class TrackingState {
   kInitializing,  // no map yet
-  kTracking,      // this frame has a pose
+  kTracking,      // this frame has a pose from markers
+  kBridging,      // it has one, from natural features or motion
   kRelocalizing,  // there is a map, but this frame has no pose
 };
 

@@ -9,6 +9,7 @@ void Options::treatAsUnorderedImages() {
   follower.enabled = false;
   tracking.motion.max_age_s = 0.0;
   tracking.single_marker.min_log_odds = 5.0;  // one image has to do
+  natural.enabled = false;
   work_per_frame = kUnlimited;
 }
 
@@ -24,6 +25,7 @@ std::string Options::invalidReason() const {
       screening.invalidReason(),
       shutter.invalidReason(),
       covariance.invalidReason(),
+      natural.invalidReason(),
       global_optimization.invalidReason(),
       intrinsics.invalidReason(),
       firstUnmet({

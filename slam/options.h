@@ -13,6 +13,7 @@
 #include "slam/map/marker_options.h"
 #include "slam/mapping/mapper.h"
 #include "slam/marker_screening/marker_screening.h"
+#include "slam/natural/pose_integrator.h"
 #include "slam/tracking/tracker.h"
 
 namespace waymark::slam {
@@ -31,6 +32,7 @@ struct Options {
   MarkerScreeningOptions screening;
   RollingShutterOptions shutter;
   MapCovarianceOptions covariance;
+  NaturalOptions natural;
   // What a frame may spend on optimizations and loop closures, which go on over as many frames as
   // they take: counted, not timed, a unit being what took a microsecond on a core of 3 GHz. More is
   // done sooner, less is steadier.

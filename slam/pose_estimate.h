@@ -20,6 +20,7 @@ struct PoseEstimate {
   Vector6d twist = Vector6d::Zero();
   PoseSource source = PoseSource::kNone;
   int markers_used = 0;
+  int features_used = 0;  // natural ones, where the pose is from them
   double reprojection_rms_px = 0.0;
   // Squared-error ratio of the best and the second pose hypothesis: large is unambiguous, 1 is a
   // coin toss.

@@ -12,6 +12,7 @@
 #include "slam/initialization/initializer.h"
 #include "slam/mapping/map_updater.h"
 #include "slam/marker_screening/marker_screening.h"
+#include "slam/natural/pose_integrator.h"
 #include "slam/optimization/map_optimizer.h"
 #include "slam/tracking/expected_markers.h"
 #include "slam/tracking/frame_tracker.h"
@@ -37,6 +38,7 @@ class Slam::Impl {
         locator_(screening_, camera_, rolling_shutter_, tracker_.tracker()),
         map_(std::move(map)),
         covariance_(options_.markers, options_.covariance, map_, options_.mapping),
+        integrator_(options_.natural, camera_, &counters_),
         last_old_keyframe_(map_.keyframes().empty() ? -1 : map_.keyframes().rbegin()->first) {
     map_.dictionary = follower_.dictionary().name();
   }
@@ -57,7 +59,8 @@ class Slam::Impl {
       const StageScope scope(observer, Stage::kMap);
       initialize(usable, frame.time, &result);
     } else {
-      const auto tracked = track(usable, frame.time, prediction, observer, &result);
+      const auto tracked = track(usable, frame, prediction, observer, &result);
+      if (!tracked) bridge(frame, observer, &result);
       if (options_.mapping) {
         const StageScope scope(observer, Stage::kMap);
         if (tracked) grow(*tracked, &result);
@@ -177,7 +180,10 @@ class Slam::Impl {
   // What was under way and is done goes into the map before the next frame is tracked in it.
   void collectWork(FrameResult* result) {
     const FinishedWork finished = updater_.collect(&map_);
-    for (const Transform& T_new_old : finished.T_new_old) tracker_.correct(T_new_old);
+    for (const Transform& T_new_old : finished.T_new_old) {
+      tracker_.correct(T_new_old);
+      integrator_.moveWorld(T_new_old);
+    }
     result->map_changed = !finished.T_new_old.empty();
     result->keyframe_added = finished.loop_closed;
     if (finished.loop_closed) local_.reset();
@@ -210,10 +216,31 @@ class Slam::Impl {
     tracker_.commit(*result->pose, time.monotonic_ns);
   }
 
-  // Sections 4.3 and 4.8. Empty without a pose.
-  std::optional<TrackedFrame> track(std::span<const MarkerDetection> usable, const FrameTime& time,
+  // Sections 4.3 and 4.8. Empty where the markers give no pose that is believed.
+  std::optional<TrackedFrame> track(std::span<const MarkerDetection> usable,
+                                    const FrameInput& frame,
                                     const std::optional<Prediction>& prediction,
                                     StageObserver* observer, FrameResult* result) {
+    auto tracked = trackMarkers(usable, frame.time, prediction, observer, result);
+    if (!tracked) return std::nullopt;
+    PoseEstimate pose = tracker_.estimateOf(*tracked);
+    if (!follow(*tracked, pose, frame, observer)) {
+      result->reason = NoPoseReason::kMarkersDoNotFit;
+      return std::nullopt;
+    }
+    const StageScope scope(observer, Stage::kTrack);
+    pose.covariance =
+        covariance_.follow(tracked->solution, tracked->eligible) + coverOfOtherPose(*tracked);
+    result->pose = pose;
+    result->state = TrackingState::kTracking;
+    tracker_.commit(pose, frame.time.monotonic_ns);
+    return tracked;
+  }
+
+  std::optional<TrackedFrame> trackMarkers(std::span<const MarkerDetection> usable,
+                                           const FrameTime& time,
+                                           const std::optional<Prediction>& prediction,
+                                           StageObserver* observer, FrameResult* result) {
     const StageScope scope(observer, Stage::kTrack);
     const FrameMarkers markers = tracker_.split(map_, usable, time, prediction, local_);
     TrackingOutcome outcome = tracker_.track(map_, markers, prediction);
@@ -229,14 +256,33 @@ class Slam::Impl {
     for (const auto& [marker, agrees] : fitted.verdicts) {
       screening_.record(marker, agrees, time.monotonic_ns);
     }
-    result->pose = tracker_.estimateOf(*outcome.frame);
-    result->pose->covariance =
-        covariance_.follow(outcome.frame->solution, outcome.frame->eligible) +
-        coverOfOtherPose(*outcome.frame);
-    result->state = TrackingState::kTracking;
-    tracker_.commit(*result->pose, time.monotonic_ns);
     outcome.frame->fitting = fitted.fitting;
     return std::move(outcome.frame);
+  }
+
+  // Natural features follow the markers. False where they know better.
+  bool follow(const TrackedFrame& tracked, const PoseEstimate& pose, const FrameInput& frame,
+              StageObserver* observer) {
+    if (!options_.natural.enabled || !frame.image) return true;
+    const StageScope scope(observer, Stage::kFeatures);
+    fitting_known_.clear();
+    for (std::size_t i = 0; i < tracked.eligible.size(); ++i) {
+      if (tracked.solution.inlier[i]) fitting_known_.push_back(tracked.eligible[i]);
+    }
+    return integrator_.follow(frame.time.monotonic_ns, *frame.image, pose, isCertain(tracked),
+                              fitting_known_);
+  }
+
+  // Seed 2, section 3.3: between the markers.
+  void bridge(const FrameInput& frame, StageObserver* observer, FrameResult* result) {
+    if (!options_.natural.enabled || !frame.image) return;
+    const StageScope scope(observer, Stage::kFeatures);
+    result->pose = integrator_.bridge(frame.time.monotonic_ns, *frame.image);
+    if (!result->pose) return;
+    result->pose->covariance += covariance_.sharedAt(result->pose->T_w_c.p);
+    result->state = TrackingState::kBridging;
+    result->reason = NoPoseReason::kNone;
+    tracker_.commit(*result->pose, frame.time.monotonic_ns);
   }
 
   // The map's uncertainty follows its changes, in slices.
@@ -278,8 +324,10 @@ class Slam::Impl {
   RecordedFrameLocator locator_;
   Map map_;
   MapCovariance covariance_;
-  KeyframeId last_old_keyframe_;  // of the map given at the start; -1 for none
-  bool world_is_fixed_ = false;   // what fixes it has had a place in the map
+  PoseIntegrator integrator_;
+  std::vector<KnownMarker> fitting_known_;  // reused from frame to frame
+  KeyframeId last_old_keyframe_;            // of the map given at the start; -1 for none
+  bool world_is_fixed_ = false;             // what fixes it has had a place in the map
 };
 
 Slam::Slam(const CameraModel& camera, Dictionary dictionary, const Options& options, Map map)

@@ -37,7 +37,7 @@ class SlamTest : public ::testing::Test {
   }
   FrameResult feed(const Transform& T_w_c) {
     const int frame = frame_;
-    const FrameResult result =
+    FrameResult result =
         feed(testing::observeAll(camera_, T_w_c, markers_, print_size_m_, sigma_px_, &rng_));
     if (!T_v_w_ && result.map_changed) {
       const auto first = slam().map().keyframes().begin()->second.sequence;
@@ -109,6 +109,16 @@ TEST_F(SlamTest, TracksAndMapsAWall) {
   expectTrueMap(20, 0.03);
   EXPECT_EQ(slam().counters().frames, 150U);
   EXPECT_EQ(slam().counters().localized, 150U);
+}
+
+// It came before any motion was known; a rolling shutter moves its corners all the same.
+TEST_F(SlamTest, TheFirstKeyframeIsToldHowItMoved) {
+  walk(0, 5, poseAt, 0.03);
+  const Keyframe& first = slam().map().keyframes().begin()->second;
+  const double frame_s = 1e-9 * static_cast<double>(kFramePeriodNs);
+  const Eigen::Vector3d velocity_w = (poseAt(1).p - poseAt(0).p) / frame_s;
+  const Eigen::Vector3d velocity_c = poseAt(0).R.transpose() * velocity_w;
+  EXPECT_LT((first.twist.head<3>() - velocity_c).norm(), 0.3 * velocity_c.norm());
 }
 
 TEST_F(SlamTest, SaysWhyItHasNotStarted) {

@@ -8,7 +8,7 @@
 
 namespace waymark::slam {
 
-enum class Stage : std::uint8_t { kDetect, kTrack, kMap };
+enum class Stage : std::uint8_t { kDetect, kTrack, kFeatures, kMap };
 
 struct NamedStage {
   const char* name;  // in stats.json, and after "deadline.missed_" in health messages
@@ -19,6 +19,7 @@ struct NamedStage {
 inline constexpr std::array kStages = {
     NamedStage{"detect", "finding markers"},
     NamedStage{"track", "the pose"},
+    NamedStage{"features", "natural features, and the pose between markers"},
     NamedStage{"map", "new keyframes and optimization"},
 };
 static_assert(kStages.size() == static_cast<std::size_t>(Stage::kMap) + 1, "one is missing here");

@@ -25,6 +25,8 @@ io::FrameStatus statusOf(slam::TrackingState state) {
       return io::FrameStatus::kInitializing;
     case slam::TrackingState::kTracking:
       return io::FrameStatus::kTracking;
+    case slam::TrackingState::kBridging:
+      return io::FrameStatus::kBridging;
     case slam::TrackingState::kRelocalizing:
       return io::FrameStatus::kRelocalizing;
   }
@@ -81,12 +83,16 @@ std::vector<io::FramePose> RunRecord::finalPoses(const slam::Slam& slam,
   const auto found = slam::localizeAll(frames_, {.unordered_images = unordered_images}, slam);
   const auto without_pose =
       posedMarkers(slam.map()) > 0 ? io::FrameStatus::kLost : io::FrameStatus::kInitializing;
+  const auto statusOf = [&](const std::optional<slam::PoseEstimate>& pose) {
+    if (!pose) return without_pose;
+    return pose->source == slam::PoseSource::kMarkers ? io::FrameStatus::kTracking
+                                                      : io::FrameStatus::kBridging;
+  };
   std::vector<io::FramePose> poses;
   poses.reserve(frames_.size());
   for (std::size_t i = 0; i < frames_.size(); ++i) {
-    poses.push_back({frames_[i].monotonic_ns, forgotten_ + i,
-                     found[i].pose ? io::FrameStatus::kTracking : without_pose, found[i].pose,
-                     slam::describe(found[i].reason)});
+    poses.push_back({frames_[i].monotonic_ns, forgotten_ + i, statusOf(found[i].pose),
+                     found[i].pose, slam::describe(found[i].reason)});
   }
   return poses;
 }

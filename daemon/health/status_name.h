@@ -15,6 +15,8 @@ namespace waymark::daemon {
       return "initializing";
     case pose_t::STATUS_TRACKING:
       return "tracking";
+    case pose_t::STATUS_BRIDGING:
+      return "bridging";
     case pose_t::STATUS_RELOCALIZING:
       return "relocalizing";
     case pose_t::STATUS_NO_CAMERA:

@@ -14,6 +14,8 @@ std::int8_t status(slam::TrackingState state) {
       return pose_t::STATUS_INITIALIZING;
     case slam::TrackingState::kTracking:
       return pose_t::STATUS_TRACKING;
+    case slam::TrackingState::kBridging:
+      return pose_t::STATUS_BRIDGING;
     case slam::TrackingState::kRelocalizing:
       return pose_t::STATUS_RELOCALIZING;
   }

@@ -169,6 +169,17 @@ std::vector<Setting> slamSettingKeys(SlamSettings& target) {
                     1000.0, ""),
       flagSetting("slam.covariance.enabled", o.covariance.enabled),
       numberSetting("slam.covariance.cost_per_frame", o.covariance.cost_per_frame, 1.0, 1e6, ""),
+      flagSetting("slam.natural.enabled", o.natural.enabled),
+      integerSetting("slam.natural.integrator.max_markers", o.natural.integrator.max_markers, 1,
+                     1000),
+      integerSetting("slam.natural.filter.filter.max_features",
+                     o.natural.filter.filter.max_features, 10, 200),
+      numberSetting("slam.natural.integrator.max_prediction_s",
+                    o.natural.integrator.max_prediction_s, 0.0, 1.0, "s"),
+      numberSetting("slam.natural.integrator.max_error_m", o.natural.integrator.max_error_m, 0.01,
+                    100.0, "m"),
+      numberSetting("slam.natural.integrator.max_error_rad", o.natural.integrator.max_error_rad,
+                    0.01, 3.0, "rad"),
       numberSetting("slam.shutter.readout_s", o.shutter.readout_s, -0.2, 0.2, "s"),
   };
   std::ranges::move(detectionKeys(o), std::back_inserter(keys));

@@ -63,6 +63,12 @@ Matrix6d MapCovariance::inWorld(const PoseSolution& solution,
   return in_world ? in_world->covariance : solution.covariance;
 }
 
+Matrix6d MapCovariance::sharedAt(const Eigen::Vector3d& p_w) const {
+  if (!options_.enabled) return Matrix6d::Zero();
+  const Matrix6d T = rigidTransport(p_w - doubt_.p_w);
+  return T * doubt_.covariance * T.transpose();
+}
+
 Matrix6d MapCovariance::follow(const PoseSolution& solution, std::span<const KnownMarker> markers) {
   if (!options_.enabled) return solution.covariance;
   const auto in_world = worldCovariance(solution, markers, marginals_, doubt_);

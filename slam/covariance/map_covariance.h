@@ -47,7 +47,9 @@ class MapCovariance {
   // told.
   [[nodiscard]] Matrix6d inWorld(const PoseSolution& solution,
                                  std::span<const KnownMarker> markers) const;
-  // The same of the newest frame: its doubt holds for the next ones whose markers are all new.
+  // What poses near the last frame's, here, have in common that the map does not know.
+  [[nodiscard]] Matrix6d sharedAt(const Eigen::Vector3d& p_w) const;
+  // As inWorld(), of the newest frame: its doubt holds for the next ones whose markers are all new.
   [[nodiscard]] Matrix6d follow(const PoseSolution& solution, std::span<const KnownMarker> markers);
 
  private:

@@ -1,0 +1,145 @@
+#include "slam/natural/pose_integrator.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include <Eigen/Cholesky>
+
+#include "slam/option_checks.h"
+
+namespace waymark::slam {
+namespace {
+
+double secondsBetween(std::int64_t from_ns, std::int64_t to_ns) {
+  return 1e-9 * static_cast<double>(to_ns - from_ns);
+}
+
+// Three standard deviations of the error's length.
+double threeSigma(const Eigen::Matrix3d& covariance) {
+  return 3.0 * std::sqrt(std::max(0.0, covariance.trace()));
+}
+
+bool isFinite(const FilteredPose& pose) {
+  return pose.covariance.allFinite() && pose.T_w_c.p.allFinite();
+}
+
+}  // namespace
+
+std::string PoseIntegratorOptions::invalidReason() const {
+  return firstUnmet({{max_markers >= 1, "max_markers must be at least 1"},
+                     {isNotNegative(idle_after_s), "idle_after_s must not be negative"},
+                     {min_features >= 3, "min_features must be at least 3"},
+                     {isNotNegative(max_prediction_s), "max_prediction_s must not be negative"},
+                     {isPositive(max_pause_s), "max_pause_s must be positive"},
+                     {isPositive(max_error_m), "max_error_m must be positive"},
+                     {isPositive(max_error_rad), "max_error_rad must be positive"},
+                     {isPositive(max_innovation_chi2), "max_innovation_chi2 must be positive"},
+                     {isPositive(max_blind_s), "max_blind_s must be positive"},
+                     {witnesses >= 1, "witnesses must be at least 1"},
+                     {isPositive(start_sigma_m), "start_sigma_m must be positive"},
+                     {isPositive(start_sigma_rad), "start_sigma_rad must be positive"}});
+}
+
+std::string NaturalOptions::invalidReason() const {
+  return firstReason({filter.invalidReason(), integrator.invalidReason()});
+}
+
+PoseIntegrator::PoseIntegrator(const NaturalOptions& options, const CameraModel& camera,
+                               Counters* counters)
+    : options_(options), camera_(camera), counters_(counters) {
+  if (options.enabled) filter_.emplace(options.filter);
+}
+
+bool PoseIntegrator::follow(std::int64_t time_ns, const ImageView& image, const PoseEstimate& pose,
+                            bool certain, std::span<const KnownMarker> markers) {
+  if (!filter_) return true;
+  advance(time_ns);
+  if (running() && contradicts(pose)) {
+    if (++contradictions_ < options_.integrator.witnesses) return !bridging_;
+    filter_->reset();
+    ++counters_->filter_restarts;
+  }
+  contradictions_ = 0;
+  if (isIdle(time_ns, markers.size())) filter_->reset();
+  if (!running()) {
+    bridging_ = false;
+    if (!certain || static_cast<int>(markers.size()) > options_.integrator.max_markers) return true;
+    start(time_ns, pose);
+  }
+  (void)filter_->update(image, camera_, markers);
+  last_seen_ns_ = time_ns;
+  bridging_ = false;
+  ambiguity_ratio_ = pose.ambiguity_ratio;
+  return true;
+}
+
+std::optional<PoseEstimate> PoseIntegrator::bridge(std::int64_t time_ns, const ImageView& image) {
+  bridging_ = false;
+  advance(time_ns);
+  if (!running()) return std::nullopt;
+  const VisualUpdate update = filter_->update(image, camera_, {});
+  const bool seen = update.believed >= options_.integrator.min_features;
+  if (seen) last_seen_ns_ = time_ns;
+  const FilteredPose pose = filter_->pose();
+  const double blind_s = secondsBetween(last_seen_ns_, time_ns);
+  if (blind_s > options_.integrator.max_blind_s || !isFinite(pose)) {
+    filter_->reset();
+    return std::nullopt;
+  }
+  if (blind_s > options_.integrator.max_prediction_s || isTooUncertain(pose)) return std::nullopt;
+  bridging_ = seen;
+  ++(seen ? counters_->bridged_frames : counters_->predicted_frames);
+  PoseEstimate estimate;
+  estimate.T_w_c = pose.T_w_c;
+  estimate.covariance = estimate.view_covariance = pose.covariance;
+  estimate.twist = pose.twist;
+  estimate.source = seen ? PoseSource::kNaturalFeatures : PoseSource::kPrediction;
+  estimate.features_used = seen ? update.believed : 0;
+  estimate.reprojection_rms_px = seen ? update.rms_px : 0.0;
+  estimate.ambiguity_ratio = ambiguity_ratio_;
+  return estimate;
+}
+
+void PoseIntegrator::moveWorld(const Transform& T_new_old) {
+  if (running()) filter_->filter().moveWorld(T_new_old);
+}
+
+void PoseIntegrator::advance(std::int64_t time_ns) {
+  if (!running() || time_ns == time_ns_) return;
+  const double dt_s = secondsBetween(time_ns_, time_ns);
+  time_ns_ = time_ns;
+  if (dt_s > 0.0 && dt_s <= options_.integrator.max_pause_s) {
+    filter_->predict(dt_s);
+  } else {
+    filter_->reset();
+  }
+}
+
+void PoseIntegrator::start(std::int64_t time_ns, const PoseEstimate& pose) {
+  const PoseIntegratorOptions& options = options_.integrator;
+  Matrix6d covariance = pose.view_covariance;
+  covariance.diagonal().head<3>().array() += options.start_sigma_m * options.start_sigma_m;
+  covariance.diagonal().tail<3>().array() += options.start_sigma_rad * options.start_sigma_rad;
+  filter_->reinitialize(pose.T_w_c, covariance);
+  time_ns_ = time_ns;
+}
+
+bool PoseIntegrator::isIdle(std::int64_t time_ns, std::size_t markers) {
+  if (static_cast<int>(markers) <= options_.integrator.max_markers) few_markers_ns_ = time_ns;
+  return running() && secondsBetween(few_markers_ns_, time_ns) > options_.integrator.idle_after_s;
+}
+
+bool PoseIntegrator::contradicts(const PoseEstimate& pose) const {
+  const FilteredPose filtered = filter_->pose();
+  const Vector6d innovation = filtered.T_w_c.localCoordinates(pose.T_w_c);
+  const Matrix6d S = filtered.covariance + pose.view_covariance;
+  const double chi2 = innovation.dot(S.ldlt().solve(innovation));
+  return !(chi2 <= options_.integrator.max_innovation_chi2);
+}
+
+bool PoseIntegrator::isTooUncertain(const FilteredPose& pose) const {
+  return threeSigma(pose.covariance.topLeftCorner<3, 3>()) > options_.integrator.max_error_m ||
+         threeSigma(pose.covariance.bottomRightCorner<3, 3>()) > options_.integrator.max_error_rad;
+}
+
+}  // namespace waymark::slam

@@ -1,0 +1,108 @@
+// Where a frame's pose comes from when its markers give none (seed 2, section 3.3): from the filter
+// of natural features, which follows the markers' poses while there are any and carries the pose
+// when there are none; for a moment, from its motion alone. No threads, no clocks; deterministic.
+//
+// A frame is either follow(), with its pose from markers, or bridge(), without one.
+#pragma once
+
+#include <cstdint>
+#include <optional>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "base/image_view.h"
+#include "slam/camera_pose/known_marker.h"
+#include "slam/counters.h"
+#include "slam/geometry/camera_model.h"
+#include "slam/natural/filter/visual_filter.h"
+#include "slam/pose_estimate.h"
+
+namespace waymark::slam {
+
+struct PoseIntegratorOptions {
+  // Features are followed as soon as a frame has no more markers than this, and no longer once
+  // there have been more for so long, seconds. More markers are ready for a gap that comes at once,
+  // and cost a filter's time where there is no gap to come.
+  int max_markers = 3;
+  double idle_after_s = 0.5;
+  // A frame in which so many features were believed has the filter's pose. More is surer of each
+  // frame, and has gaps where there is little texture.
+  int min_features = 6;
+  // For how long motion alone is a pose, seconds, after the last frame that was seen by features or
+  // markers: a hand-held camera goes elsewhere soon.
+  double max_prediction_s = 0.2;
+  // Without a frame for so long, seconds, the filter is given up: the motion says nothing any more.
+  double max_pause_s = 1.0;
+  // A pose that is less certain than this at three standard deviations, metres and radians, is
+  // none: better lost than lying.
+  double max_error_m = 0.5;
+  double max_error_rad = 0.17;
+  // So long, seconds, features are looked for where nothing is seen: in the dark, or behind what is
+  // in the way. Then the filter is given up.
+  double max_blind_s = 2.0;
+  // A pose from markers that is further from the filter's than this contradicts it, as chi-square
+  // of 6 dimensions: once in 1,000 frames by chance.
+  double max_innovation_chi2 = 22.5;
+  // So many frames in succession whose markers contradict the filter are believed, and it starts
+  // anew with them. One may be a marker that was moved, or misread.
+  int witnesses = 3;
+  // How well a pose is known that the filter starts from before it has seen its markers itself:
+  // standard deviations, metres and radians.
+  double start_sigma_m = 0.02;
+  double start_sigma_rad = 0.02;
+
+  // Empty when usable, else what is wrong.
+  [[nodiscard]] std::string invalidReason() const;
+};
+
+struct NaturalOptions {
+  // Off: a frame without markers has no pose, and nothing of this costs anything.
+  bool enabled = true;
+  VisualFilterOptions filter;
+  PoseIntegratorOptions integrator;
+
+  // Empty when usable, else what is wrong.
+  [[nodiscard]] std::string invalidReason() const;
+};
+
+class PoseIntegrator {
+ public:
+  // All that it is given must outlive it.
+  PoseIntegrator(const NaturalOptions& options, const CameraModel& camera, Counters* counters);
+
+  // A frame with a pose from these markers, all of which fit it. image: of the camera's size, or
+  // empty. certain: it is not one of two that nothing has decided between. False while the markers
+  // contradict a filter that carried the pose until now: then the frame is to be bridged.
+  [[nodiscard]] bool follow(std::int64_t time_ns, const ImageView& image, const PoseEstimate& pose,
+                            bool certain, std::span<const KnownMarker> markers);
+  // A frame without one; where the camera is, its covariances relative to the markers it came from.
+  // Empty where neither features nor motion say.
+  [[nodiscard]] std::optional<PoseEstimate> bridge(std::int64_t time_ns, const ImageView& image);
+
+  // The world's coordinates have changed.
+  void moveWorld(const Transform& T_new_old);
+
+ private:
+  [[nodiscard]] bool running() const { return filter_ && filter_->running(); }
+  // To the frame's time; gives up after a pause.
+  void advance(std::int64_t time_ns);
+  void start(std::int64_t time_ns, const PoseEstimate& pose);
+  // Enough markers for so long that there is no gap to come.
+  [[nodiscard]] bool isIdle(std::int64_t time_ns, std::size_t markers);
+  [[nodiscard]] bool contradicts(const PoseEstimate& pose) const;
+  [[nodiscard]] bool isTooUncertain(const FilteredPose& pose) const;
+
+  const NaturalOptions& options_;
+  const CameraModel& camera_;
+  Counters* counters_;
+  std::optional<VisualFilter> filter_;
+  std::int64_t time_ns_ = 0;         // of the filter
+  std::int64_t few_markers_ns_ = 0;  // the last frame with at most max_markers
+  std::int64_t last_seen_ns_ = 0;    // the last frame that markers or features saw
+  bool bridging_ = false;            // the last frame's pose was from features
+  int contradictions_ = 0;           // frames in succession
+  double ambiguity_ratio_ = 0.0;     // of the last pose from markers
+};
+
+}  // namespace waymark::slam

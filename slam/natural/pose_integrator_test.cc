@@ -1,0 +1,204 @@
+#include "slam/natural/pose_integrator.h"
+
+#include <algorithm>
+#include <random>
+#include <vector>
+
+#include <gtest/gtest.h>
+
+#include "slam/camera_pose/pose_optimizer.h"
+#include "slam/natural/filter/testing_textured_wall.h"
+#include "slam/testing/synthetic.h"
+
+namespace waymark::slam {
+namespace {
+
+constexpr double kRate_hz = 30.0;
+
+// A camera on the dolly before a textured wall with one marker, and the integrator's frames.
+class PoseIntegratorTest : public ::testing::Test {
+ protected:
+  struct Frame {
+    std::optional<PoseEstimate> pose;  // as published
+    bool followed = false;             // its markers were believed
+  };
+  enum class See { kAll, kWallOnly, kNothing };
+
+  void SetUp() override {
+    options_.enabled = true;
+    dolly_.seed = 3;
+  }
+
+  // offset_m: how far the marker seems to be from where it is.
+  Frame step(See see, double offset_m = 0.0) {
+    if (!integrator_) integrator_.emplace(options_, camera_, &counters_);
+    const double t = frame_ / kRate_hz;
+    truth_ = dolly_.at(t);
+    wall_.render(camera_, truth_, 2.0, static_cast<unsigned>(frame_), &pixels_);
+    if (see == See::kNothing) std::fill(pixels_.begin(), pixels_.end(), std::uint8_t{5});
+    const ImageView image{pixels_.data(), camera_.width(), camera_.height(), camera_.width()};
+    const auto time_ns = static_cast<std::int64_t>(1e9 * t);
+    ++frame_;
+    if (see != See::kAll) return {integrator_->bridge(time_ns, image), false};
+    const auto seen = testing::observe(camera_, truth_, 7, marker_, kSize_m, 0.1, &rng_);
+    EXPECT_TRUE(seen);
+    Transform believed = marker_;
+    believed.p.x() += offset_m;
+    KnownMarker known{&*seen, believed, kSize_m, Matrix6d::Identity() * 1e-8,
+                      markerCorners(kSize_m)};
+    for (Eigen::Vector3d& corner : known.corners_w) corner = believed * corner;
+    Transform start = truth_;
+    start.p.x() += offset_m;
+    const auto solution = optimizer_.optimize({&known, 1}, start);
+    EXPECT_TRUE(solution);
+    PoseEstimate pose;
+    pose.T_w_c = solution->T_w_c;
+    pose.covariance = pose.view_covariance = solution->covariance;
+    pose.source = PoseSource::kMarkers;
+    const std::vector<KnownMarker> markers(static_cast<std::size_t>(markers_in_view_), known);
+    if (integrator_->follow(time_ns, image, pose, true, markers)) return {pose, true};
+    return {integrator_->bridge(time_ns, image), false};
+  }
+  // With the marker in view.
+  void begin(int frames = 20) {
+    for (int i = 0; i < frames; ++i) ASSERT_TRUE(step(See::kAll).followed);
+  }
+  [[nodiscard]] double error_m(const PoseEstimate& pose) const {
+    return (pose.T_w_c.p - truth_.p).norm();
+  }
+
+  static constexpr double kSize_m = 0.2;
+  CameraModel camera_{testing::wideCalibration(320, 240)};
+  testing::TexturedWall wall_{3};
+  testing::Dolly dolly_;
+  PoseOptimizer optimizer_{camera_.focalLength(), {}};
+  Transform marker_ = testing::markerFacing({0.0, -0.005, 0.1}, {0.0, -1.0, 0.1});
+  std::mt19937 rng_{3};
+  NaturalOptions options_;
+  Counters counters_;
+  std::optional<PoseIntegrator> integrator_;
+  std::vector<std::uint8_t> pixels_;
+  Transform truth_;
+  int frame_ = 0;
+  int markers_in_view_ = 1;
+};
+
+TEST_F(PoseIntegratorTest, NothingWithoutAStartFromMarkers) {
+  EXPECT_FALSE(step(See::kWallOnly).pose);
+  EXPECT_FALSE(step(See::kNothing).pose);
+}
+
+TEST_F(PoseIntegratorTest, FeaturesCarryThePose) {
+  begin();
+  for (int i = 0; i < 60; ++i) {
+    const Frame frame = step(See::kWallOnly);
+    ASSERT_TRUE(frame.pose) << i;
+    EXPECT_EQ(frame.pose->source, PoseSource::kNaturalFeatures);
+    EXPECT_GE(frame.pose->features_used, options_.integrator.min_features);
+    EXPECT_LT(error_m(*frame.pose), 0.05) << i;
+    const Vector6d e = frame.pose->T_w_c.localCoordinates(truth_);
+    EXPECT_LT(e.dot(frame.pose->covariance.ldlt().solve(e)), 30.0) << i;
+  }
+  EXPECT_EQ(counters_.bridged_frames, 60U);
+  EXPECT_TRUE(step(See::kAll).followed) << "the marker agrees when it is seen again";
+  EXPECT_EQ(counters_.filter_restarts, 0U);
+}
+
+TEST_F(PoseIntegratorTest, InTheDarkMotionIsAPoseForAMomentOnly) {
+  begin();
+  int predicted = 0;
+  for (int i = 0; i < 15; ++i) {
+    const Frame frame = step(See::kNothing);
+    if (!frame.pose) continue;
+    EXPECT_EQ(frame.pose->source, PoseSource::kPrediction);
+    EXPECT_EQ(frame.pose->features_used, 0);
+    ++predicted;
+  }
+  EXPECT_GE(predicted, 1);
+  EXPECT_LE(predicted, 6) << "0.2 s at 30 a second";
+  EXPECT_EQ(counters_.predicted_frames, static_cast<std::uint64_t>(predicted));
+  // The light comes back: what was known is found again.
+  int found = 0;
+  for (int i = 0; i < 20; ++i) {
+    const Frame frame = step(See::kWallOnly);
+    if (frame.pose && frame.pose->source == PoseSource::kNaturalFeatures) ++found;
+  }
+  EXPECT_GT(found, 15);
+}
+
+TEST_F(PoseIntegratorTest, GivesUpRatherThanLie) {
+  options_.integrator.max_prediction_s = 10.0;
+  begin();
+  int posed = 0;
+  for (int i = 0; i < 75; ++i) {
+    const Frame frame = step(See::kNothing);
+    if (!frame.pose) continue;
+    ++posed;
+    EXPECT_LE(3.0 * std::sqrt(frame.pose->covariance.topLeftCorner<3, 3>().trace()), 0.5);
+  }
+  EXPECT_LT(posed, 30);
+  EXPECT_FALSE(step(See::kWallOnly).pose) << "once given up, it takes markers to begin again";
+}
+
+TEST_F(PoseIntegratorTest, OneContradictionIsNotBelievedThreeAre) {
+  begin();
+  for (int i = 0; i < 10; ++i) ASSERT_TRUE(step(See::kWallOnly).pose);
+  constexpr double kMoved_m = 0.4;
+  EXPECT_FALSE(step(See::kAll, kMoved_m).followed);
+  const Frame bridged = step(See::kAll, kMoved_m);
+  EXPECT_FALSE(bridged.followed);
+  ASSERT_TRUE(bridged.pose) << "the filter's goes on";
+  EXPECT_LT(error_m(*bridged.pose), 0.05);
+  EXPECT_TRUE(step(See::kAll, kMoved_m).followed) << "the third witness";
+  EXPECT_EQ(counters_.filter_restarts, 1U);
+}
+
+TEST_F(PoseIntegratorTest, FollowsTheWorldsCoordinates) {
+  begin();
+  ASSERT_TRUE(step(See::kWallOnly).pose);
+  const Transform T_new_old{expSo3({0.0, 0.0, 0.3}), {1.0, 2.0, 3.0}};
+  integrator_->moveWorld(T_new_old);
+  const Frame frame = step(See::kWallOnly);
+  ASSERT_TRUE(frame.pose);
+  EXPECT_LT((frame.pose->T_w_c.p - (T_new_old * truth_).p).norm(), 0.05);
+}
+
+TEST_F(PoseIntegratorTest, APauseEndsIt) {
+  begin();
+  frame_ += 45;
+  EXPECT_FALSE(step(See::kWallOnly).pose);
+}
+
+// The filter takes no time where no gap is to come, and is there once markers are few.
+TEST_F(PoseIntegratorTest, ManyMarkersLeaveItIdle) {
+  markers_in_view_ = 4;
+  begin();
+  EXPECT_FALSE(step(See::kWallOnly).pose) << "nothing had been followed";
+  markers_in_view_ = 3;
+  begin(10);
+  EXPECT_TRUE(step(See::kWallOnly).pose);
+  markers_in_view_ = 4;
+  begin(10);
+  EXPECT_TRUE(step(See::kWallOnly).pose) << "a third of a second is too short to let go";
+  begin(25);
+  EXPECT_FALSE(step(See::kWallOnly).pose);
+}
+
+TEST_F(PoseIntegratorTest, OffItIsNotThere) {
+  options_.enabled = false;
+  begin(2);
+  EXPECT_FALSE(step(See::kWallOnly).pose);
+}
+
+TEST(NaturalOptions, WhatCannotWorkIsTold) {
+  EXPECT_EQ(NaturalOptions{}.invalidReason(), "");
+  NaturalOptions options;
+  options.integrator.min_features = 2;
+  EXPECT_NE(options.invalidReason(), "");
+  options = {};
+  options.integrator.witnesses = 0;
+  EXPECT_NE(options.invalidReason(), "");
+}
+
+}  // namespace
+}  // namespace waymark::slam
