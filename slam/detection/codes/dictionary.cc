@@ -148,4 +148,10 @@ std::optional<Dictionary::Match> Dictionary::identify(std::uint64_t code, int ma
   return best;
 }
 
+int Dictionary::distanceTo(std::uint64_t code) const {
+  int least = side_ * side_;
+  for (const Entry& entry : entries_) least = std::min(least, std::popcount(entry.code ^ code));
+  return least;
+}
+
 }  // namespace waymark::slam

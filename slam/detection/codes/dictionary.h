@@ -44,6 +44,9 @@ class Dictionary {
   // The code nearest to `code`, at most max_hamming bits away. Ties have no answer.
   [[nodiscard]] std::optional<Match> identify(std::uint64_t code, int max_hamming) const;
 
+  // How many bits the nearest of all codes is away.
+  [[nodiscard]] int distanceTo(std::uint64_t code) const;
+
   // The code as seen after the marker is turned by a quarter clockwise.
   [[nodiscard]] static std::uint64_t rotateClockwise(std::uint64_t code, int side);
 

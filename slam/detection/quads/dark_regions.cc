@@ -15,18 +15,20 @@ std::string DarkRegionOptions::invalidReason() const {
   });
 }
 
-std::span<const DarkRegion> DarkRegionFinder::find(const DarkMask& mask, int max_px) {
-  collectRuns(mask);
+std::optional<std::span<const DarkRegion>> DarkRegionFinder::find(const DarkMask& mask, int max_px,
+                                                                  int max_runs) {
+  if (!collectRuns(mask, max_runs)) return std::nullopt;
   joinRuns();
   measureBoxes();
   collectRegions(mask, max_px);
   return regions_;
 }
 
-void DarkRegionFinder::collectRuns(const DarkMask& mask) {
+bool DarkRegionFinder::collectRuns(const DarkMask& mask, int max_runs) {
   runs_.clear();
   first_run_.clear();
   for (int y = 0; y < mask.height(); ++y) {
+    if (runs() > max_runs) return false;
     first_run_.push_back(static_cast<std::int32_t>(runs_.size()));
     const std::uint64_t* const row = mask.row(y);
     std::uint64_t last_bit = 0;
@@ -48,6 +50,7 @@ void DarkRegionFinder::collectRuns(const DarkMask& mask) {
     if (within) turnAt(mask.width());
   }
   first_run_.push_back(static_cast<std::int32_t>(runs_.size()));
+  return runs() <= max_runs;
 }
 
 std::int32_t DarkRegionFinder::rootOf(std::int32_t run) {
@@ -90,7 +93,7 @@ void DarkRegionFinder::measureBoxes() {
       run.parent = root;
       if (root == i) {
         run.region = static_cast<std::int32_t>(boxes_.size());
-        boxes_.push_back({left, right, row, row, -1});
+        boxes_.push_back({left, right, row, row, right - left + 1, -1});
         continue;
       }
       run.region = runs_[static_cast<std::size_t>(root)].region;
@@ -98,6 +101,7 @@ void DarkRegionFinder::measureBoxes() {
       box.left = std::min(box.left, left);
       box.right = std::max(box.right, right);
       box.bottom = row;
+      box.dark_px += right - left + 1;
     }
   }
 }
@@ -136,8 +140,12 @@ void DarkRegionFinder::collectRegions(const DarkMask& mask, int max_px) {
   for (const Box& box : boxes_) {
     if (box.first_row < 0) continue;
     const auto count = static_cast<std::size_t>(box.bottom - box.top + 1);
-    regions_.push_back(
-        {box.left, box.right, box.top, box.bottom, {rows_.data() + box.first_row, count}});
+    regions_.push_back({box.left,
+                        box.right,
+                        box.top,
+                        box.bottom,
+                        box.dark_px,
+                        {rows_.data() + box.first_row, count}});
   }
 }
 

@@ -2,6 +2,8 @@
 #pragma once
 
 #include <cstdint>
+#include <limits>
+#include <optional>
 #include <span>
 #include <string>
 #include <vector>
@@ -22,6 +24,7 @@ struct DarkRegion {
   int right = 0;
   int top = 0;
   int bottom = 0;
+  int dark_px = 0;  // without what is light within its outline
   // Row by row from the top, the outermost pixels: of a convex region that is its outline.
   std::span<const Extent> rows;
 };
@@ -42,8 +45,12 @@ class DarkRegionFinder {
 
   // Regions are 4-connected, so that squares touching at their corners, as on a chessboard, stay
   // apart. Those wider or higher than max_px are left out, where that is not 0. From top to
-  // bottom; valid until the next call.
-  [[nodiscard]] std::span<const DarkRegion> find(const DarkMask& mask, int max_px = 0);
+  // bottom; valid until the next call. Empty, soon, when the mask has more than max_runs runs of
+  // dark pixels in its rows.
+  [[nodiscard]] std::optional<std::span<const DarkRegion>> find(
+      const DarkMask& mask, int max_px = 0, int max_runs = std::numeric_limits<int>::max());
+  // That the last find() has looked at.
+  [[nodiscard]] int runs() const { return static_cast<int>(runs_.size()); }
 
  private:
   // A run of dark pixels in a row; joined to those it touches by their indices (union-find).
@@ -54,10 +61,12 @@ class DarkRegionFinder {
   };
   struct Box {
     int left, right, top, bottom;
+    int dark_px;
     int first_row;  // in rows_; -1 when the region is left out
   };
 
-  void collectRuns(const DarkMask& mask);
+  // False when there are more than max_runs.
+  [[nodiscard]] bool collectRuns(const DarkMask& mask, int max_runs);
   void joinRuns();
   void measureBoxes();
   void collectRegions(const DarkMask& mask, int max_px);
