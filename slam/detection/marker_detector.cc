@@ -109,17 +109,19 @@ bool MarkerDetector::confirm(const ImageView& image, int id,
 
 ScanOutcome MarkerDetector::scan(const ImageView& image, const SearchRegion& region, double share,
                                  Runs runs) {
-  const ScanBudget allowed = allotment(share, runs);
+  const ScanBudget allowed = allotment(share, runs, runs == Runs::kBounded);
   return region.factor == 1 ? scanWhole(image, region, allowed)
                             : scanReduced(image, region, allowed);
 }
 
-ScanBudget MarkerDetector::allotment(double share, Runs runs) const {
+ScanBudget MarkerDetector::allotment(double share, Runs runs, bool first_come) const {
   const ScanBudgetOptions& options = options_.budget;
+  const int fits = shareOf(left_.futile_fits, share, options.least_fits);
+  const double first_come_share = first_come || fits == kUnlimited ? options.first_come_share : 0.0;
   return {runs == Runs::kUnbounded ? kUnlimited : left_.runs,
           shareOf(left_.regions, share, options.least_regions),
-          shareOf(left_.candidates, share, options.least_candidates),
-          shareOf(left_.futile_fits, share, options.least_fits)};
+          shareOf(left_.candidates, share, options.least_candidates), fits,
+          shareOf(fits, first_come_share, 0)};
 }
 
 const std::vector<MarkerDetection>& MarkerDetector::finish() {
@@ -133,7 +135,7 @@ QuadScan MarkerDetector::scanForQuads(const ImageView& image, const SearchRegion
                                       const ScanBudget& allowed) {
   if (observer_ != nullptr) observer_->advance();
   const QuadScan scan = scanner_.scan(image, region.max_px, allowed, region.turn);
-  spend(scan.runs, &left_.runs);
+  if (!scan.too_busy) spend(scan.runs, &left_.runs);
   spend(scan.regions, &left_.regions);
   work_.regions += static_cast<std::uint64_t>(scan.regions);
   work_.compared += static_cast<std::uint64_t>(scan.compared);
@@ -198,8 +200,7 @@ void MarkerDetector::examineAll(const ImageView& image, const SearchRegion& regi
                                 const ScanBudget& allowed) {
   const Window& window = region.window;
   const bool in_turn = window.width < image.width || window.height < image.height;
-  const auto first_come =
-      static_cast<std::uint64_t>(options_.budget.first_come_share * allowed.futile_fits);
+  const auto first_come = static_cast<std::uint64_t>(allowed.first_come_fits);
   const std::uint64_t fits = work_.futile_fits;
   unclear_.clear();
   for (std::size_t i = 0; i < candidates_.size(); ++i) {
@@ -274,7 +275,7 @@ ScanOutcome MarkerDetector::scanReduced(const ImageView& image, const SearchRegi
     const std::size_t before = measured_.size();
     const Window around = windowAround(quad, options_.reduced_margin_px + factor, image);
     (void)scanWhole(image, {.window = around, .turn = region.turn},
-                    allotment(0.0, Runs::kUnbounded));
+                    allotment(0.0, Runs::kUnbounded, allowed.first_come_fits > 0));
     if (measured_.size() > before) continue;
     countFutileFit();
     reject(quad);

@@ -137,7 +137,8 @@ class MarkerDetector {
                         const ScanBudget& allowed);
   ScanOutcome scanReduced(const ImageView& image, const SearchRegion& region,
                           const ScanBudget& allowed);
-  [[nodiscard]] ScanBudget allotment(double share, Runs runs) const;
+  // first_come: whether some fits are made as candidates come.
+  [[nodiscard]] ScanBudget allotment(double share, Runs runs, bool first_come) const;
   QuadScan scanForQuads(const ImageView& image, const SearchRegion& region,
                         const ScanBudget& allowed);
   [[nodiscard]] ScanOutcome outcomeOf(const QuadScan& scan, std::uint64_t deferred_before,

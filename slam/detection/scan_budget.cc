@@ -14,8 +14,8 @@ std::string ScanBudgetOptions::invalidReason() const {
        "the futile fits of a frame must not be negative"},
       {isShare(turn_share) && isShare(first_come_share),
        "the shares of what has its turn and of what comes first must be from 0 to 1"},
-      {isPositive(promising_light) && isPositive(promising_px),
-       "the light share and the size of what is promising must be positive"},
+      {isPositive(promising_light) && isPositive(promising_px) && isPositive(hopeless_roughness),
+       "light share, size and roughness of what is promising must be positive"},
       {isShare(rough_border_likeness), "the likeness of a rough border must be from 0 to 1"},
       {isShare(lost_marker_share), "the share of a lost marker must be from 0 to 1"},
       {least_regions >= 1 && least_candidates >= 1 && least_fits >= 1,
@@ -31,7 +31,7 @@ ScanBudget ScanBudget::ofFrame(const ScanBudgetOptions& options, int width, int 
   };
   return {sum(options.runs, options.runs_per_mpx), sum(options.regions, options.regions_per_mpx),
           sum(options.candidates, options.candidates_per_mpx),
-          sum(options.futile_fits, options.futile_fits_per_mpx)};
+          sum(options.futile_fits, options.futile_fits_per_mpx), ScanBudget::kUnlimited};
 }
 
 }  // namespace waymark::slam

@@ -9,7 +9,7 @@
 namespace waymark::slam {
 
 // Ordinary frames need less of everything: rooms of markers at 640x480 at most 17,000 runs, 250
-// regions and 50 candidates. The defaults are what doubles an ordinary full scan's time.
+// regions and 50 candidates. The defaults are what doubles an ordinary full scan's time at most.
 struct ScanBudgetOptions {
   // Runs of dark pixels in the image's rows. An image with more is too busy to be searched as a
   // whole: it is searched in turns. About 30 ns each, when they lie dense.
@@ -22,21 +22,24 @@ struct ScanBudgetOptions {
   int candidates = 50;
   int candidates_per_mpx = 50;
   // Of these, those with a border and no code that are looked at closely, by their edges or, found
-  // in a reduced image, in the whole one, and are no markers all the same. About 60 us each.
+  // in a reduced image, in the whole one, and are no markers all the same. About 30 us each.
   int futile_fits = 10;
   int futile_fits_per_mpx = 16;
   // Of regions and candidates, where there are too many, the share that has its turn; the others
   // are the most promising ones. Larger finds what looks like its surroundings sooner, and what
   // does not later.
   double turn_share = 0.5;
-  // Fits are made as candidates come until they have spent this share; with the rest the ones whose
-  // codes are nearest to a marker's.
+  // Fits are made as candidates come until they have spent this share; with the rest, and with all
+  // of them in an image that is known to be busy, the ones whose codes are nearest to a marker's.
   double first_come_share = 0.5;
   // What is most like a marker: at least so much of it is light, a share of its area (codes are
   // half black, and have a border) ...
   double promising_light = 0.25;
   // ... and it is so large, pixels: larger ones are no easier to read.
   double promising_px = 40.0;
+  // Sides as rough as this have no promise: pixels in a row by which the outline leaves a convex
+  // shape. Leaves that hang together have 1 or more, a marker's sides with their noise none.
+  double hopeless_roughness = 0.5;
   // A code's likeness to a marker's goes from 1, no wrong bit, to 0, half of them wrong; so much it
   // is where the border is too rough for a look at the code: small markers, corners not yet exact.
   double rough_border_likeness = 0.6;
@@ -64,6 +67,7 @@ struct ScanBudget {
   int regions = kUnlimited;
   int candidates = kUnlimited;
   int futile_fits = kUnlimited;
+  int first_come_fits = kUnlimited;  // of these, made as candidates come
 
   // Of a frame with images of this size.
   [[nodiscard]] static ScanBudget ofFrame(const ScanBudgetOptions& options, int width, int height);

@@ -196,7 +196,7 @@ bool runPattern(const PatternRunOptions& options, const NamedPattern& named,
   const int lost_frames = begun ? framesWithout(followed, static_cast<std::size_t>(*begun), 3) +
                                       framesWithout(followed, static_cast<std::size_t>(*begun), 7)
                                 : 2 * come;
-  const double ordinary_ms = mean(ordinary.full_scans.cpu_ms);
+  const double ordinary_ms = worst(ordinary.full_scans.cpu_ms);
   const double worst_ms = std::max(worst(lost.cpu_ms), worst(first.cpu_ms));
   const std::vector<double> after(followed.cpu_ms.begin() + begun.value_or(0) + 1,
                                   followed.cpu_ms.end());

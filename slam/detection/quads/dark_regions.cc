@@ -15,20 +15,18 @@ std::string DarkRegionOptions::invalidReason() const {
   });
 }
 
-std::optional<std::span<const DarkRegion>> DarkRegionFinder::find(const DarkMask& mask, int max_px,
-                                                                  int max_runs) {
-  if (!collectRuns(mask, max_runs)) return std::nullopt;
+std::span<const DarkRegion> DarkRegionFinder::find(const DarkMask& mask, int max_px) {
+  collectRuns(mask);
   joinRuns();
   measureBoxes();
   collectRegions(mask, max_px);
   return regions_;
 }
 
-bool DarkRegionFinder::collectRuns(const DarkMask& mask, int max_runs) {
+void DarkRegionFinder::collectRuns(const DarkMask& mask) {
   runs_.clear();
   first_run_.clear();
   for (int y = 0; y < mask.height(); ++y) {
-    if (runs() > max_runs) return false;
     first_run_.push_back(static_cast<std::int32_t>(runs_.size()));
     const std::uint64_t* const row = mask.row(y);
     std::uint64_t last_bit = 0;
@@ -50,7 +48,6 @@ bool DarkRegionFinder::collectRuns(const DarkMask& mask, int max_runs) {
     if (within) turnAt(mask.width());
   }
   first_run_.push_back(static_cast<std::int32_t>(runs_.size()));
-  return runs() <= max_runs;
 }
 
 std::int32_t DarkRegionFinder::rootOf(std::int32_t run) {

@@ -2,8 +2,6 @@
 #pragma once
 
 #include <cstdint>
-#include <limits>
-#include <optional>
 #include <span>
 #include <string>
 #include <vector>
@@ -45,12 +43,8 @@ class DarkRegionFinder {
 
   // Regions are 4-connected, so that squares touching at their corners, as on a chessboard, stay
   // apart. Those wider or higher than max_px are left out, where that is not 0. From top to
-  // bottom; valid until the next call. Empty, soon, when the mask has more than max_runs runs of
-  // dark pixels in its rows.
-  [[nodiscard]] std::optional<std::span<const DarkRegion>> find(
-      const DarkMask& mask, int max_px = 0, int max_runs = std::numeric_limits<int>::max());
-  // That the last find() has looked at.
-  [[nodiscard]] int runs() const { return static_cast<int>(runs_.size()); }
+  // bottom; valid until the next call.
+  [[nodiscard]] std::span<const DarkRegion> find(const DarkMask& mask, int max_px = 0);
 
  private:
   // A run of dark pixels in a row; joined to those it touches by their indices (union-find).
@@ -65,8 +59,7 @@ class DarkRegionFinder {
     int first_row;  // in rows_; -1 when the region is left out
   };
 
-  // False when there are more than max_runs.
-  [[nodiscard]] bool collectRuns(const DarkMask& mask, int max_runs);
+  void collectRuns(const DarkMask& mask);
   void joinRuns();
   void measureBoxes();
   void collectRegions(const DarkMask& mask, int max_px);

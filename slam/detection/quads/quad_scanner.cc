@@ -7,6 +7,28 @@
 #include "slam/option_checks.h"
 
 namespace waymark::slam {
+namespace {
+
+// Pixels by which an outline goes against its way, 0 where it is convex: the left side goes out
+// until it is leftmost and then back in, the right side too. Steps of one pixel are noise.
+int stepsBack(const DarkRegion& region) {
+  int px = 0;
+  bool left_goes_in = false;
+  bool right_goes_in = false;
+  for (std::size_t i = 1; i < region.rows.size(); ++i) {
+    const Extent& above = region.rows[i - 1];
+    const Extent& row = region.rows[i];
+    left_goes_in |= above.left == region.left;
+    right_goes_in |= above.right == region.right;
+    const int left_in = row.left - above.left;
+    const int right_in = above.right - row.right;
+    px += std::max((left_goes_in ? -left_in : left_in) - 1, 0);
+    px += std::max((right_goes_in ? -right_in : right_in) - 1, 0);
+  }
+  return px;
+}
+
+}  // namespace
 
 std::string QuadScannerOptions::invalidReason() const {
   return firstReason({
@@ -33,16 +55,14 @@ QuadScan QuadScanner::scan(const ImageView& image, int max_px, const ScanBudget&
   promise_.clear();
   known_.clear();
   const std::span<const DarkMask> masks = masks_.make(image);
+  for (const DarkMask& mask : masks) scan.runs += mask.countRuns();
+  scan.too_busy = scan.runs > budget.runs;
+  if (scan.too_busy) return scan;
   auto masks_left = static_cast<int>(masks.size());
   for (const DarkMask& mask : masks) {
-    const auto regions = finder_.find(mask, max_px, budget.runs - scan.runs);
-    scan.runs += finder_.runs();
-    if (!regions) {
-      scan.too_busy = true;
-      break;
-    }
     // What one mask leaves is the next one's.
-    collect(*regions, (budget.regions - scan.regions) / masks_left--, turn, &scan);
+    collect(finder_.find(mask, max_px), (budget.regions - scan.regions) / masks_left--, turn,
+            &scan);
   }
   scan.quads = quads_;
   scan.promise = promise_;
@@ -74,14 +94,16 @@ void QuadScanner::fit(const DarkRegion& region) {
   promise_.push_back(promiseOf(region));
 }
 
-// Markers have light cells within, and the larger the better they can be read.
+// Markers have light cells within and straight sides, and the larger the better they can be read.
 float QuadScanner::promiseOf(const DarkRegion& region) const {
   int px = 0;
   for (const Extent& row : region.rows) px += row.right - row.left + 1;
   const double light = static_cast<double>(px - region.dark_px) / px;
   const int extent_px = std::min(region.right - region.left, region.bottom - region.top) + 1;
+  const double roughness = stepsBack(region) / static_cast<double>(region.rows.size());
   return static_cast<float>(std::min(light / budget_.promising_light, 1.0) *
-                            std::min(extent_px / budget_.promising_px, 1.0));
+                            std::min(extent_px / budget_.promising_px, 1.0) *
+                            std::max(1.0 - roughness / budget_.hopeless_roughness, 0.0));
 }
 
 }  // namespace waymark::slam

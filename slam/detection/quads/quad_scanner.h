@@ -35,7 +35,7 @@ struct QuadScannerOptions {
 struct QuadScan {
   std::span<const Quad> quads;
   std::span<const float> promise;  // of each: how much it looks like a marker, from 0 to 1
-  bool too_busy = false;           // not all of it was searched: it has too many runs
+  bool too_busy = false;           // nothing of it was searched: it has too many runs
   int runs = 0;
   int regions = 0;           // that were fitted
   int deferred_regions = 0;  // that were not

@@ -34,7 +34,7 @@ class Shapes {
   }
 
   // Valid until the next call.
-  std::span<const DarkRegion> regions() { return *finder_.find(masks_.make(picture_.view())[0]); }
+  std::span<const DarkRegion> regions() { return finder_.find(masks_.make(picture_.view())[0]); }
 
  private:
   testing::Picture picture_{160, 120, 200};

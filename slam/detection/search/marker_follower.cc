@@ -138,7 +138,9 @@ void MarkerFollower::scanWhole(const ImageView& image, double interval_s) {
 void MarkerFollower::scanTurns(const ImageView& image, double interval_s,
                                std::span<const SearchRegion> entered) {
   const auto due = schedule_.next(interval_s, isBusy() ? budget_.busy_frames : 1);
-  regions_.assign(entered.begin(), entered.end());
+  regions_.clear();
+  // In a busy image something crosses the border all the time.
+  if (!isBusy()) regions_.assign(entered.begin(), entered.end());
   for (SearchRegion& region : regions_) region.turn = frames_;
   regions_.insert(regions_.end(), due.begin(), due.end());
   scanAll(image, regions_);
