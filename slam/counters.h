@@ -34,6 +34,8 @@ struct Counters {
   std::uint64_t rejected_quads = 0;
   std::uint64_t quads_without_edges = 0;
   std::uint64_t quads_without_code = 0;
+  std::uint64_t busy_frames = 0;
+  std::uint64_t deferred_candidates = 0;
 };
 
 struct NamedCounter {
@@ -93,6 +95,10 @@ inline constexpr std::array kCounters = {
                  "squares, and markers followed, without a clean edge at each side"},
     NamedCounter{"quads_without_code", &Counters::quads_without_code,
                  "squares, and markers followed, without a border or a code of the dictionary"},
+    NamedCounter{"busy_frames", &Counters::busy_frames,
+                 "frames too busy to be searched as a whole; searched in turns"},
+    NamedCounter{"deferred_candidates", &Counters::deferred_candidates,
+                 "dark regions that may be markers, left for later frames"},
 };
 static_assert(sizeof(Counters) == kCounters.size() * sizeof(std::uint64_t), "one is missing here");
 

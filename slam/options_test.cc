@@ -33,6 +33,10 @@ TEST(Options, EveryStageIsAsked) {
          "the marker size must be a positive number of metres");
   expect([](Options* o) { o->detector.rejected_frames = -1; },
          "the frames of a rejected square must not be negative");
+  expect([](Options* o) { o->detector.budget.candidates = -1; },
+         "the candidates of a frame must not be negative");
+  expect([](Options* o) { o->detector.budget.turn_share = 1.5; },
+         "the shares of what has its turn and of what comes first must be from 0 to 1");
   expect([](Options* o) { o->detector.scanner.same_corner_px = 0.0; },
          "the distance of same corners must be positive");
   expect([](Options* o) { o->detector.scanner.strict.share = 1.0; },

@@ -151,16 +151,30 @@ class Slam::Impl {
     }
     const StageScope scope(observer, Stage::kDetect);
     const auto expected = expectation_.update(map_, prediction, local_, follower_.followed());
-    const auto& found = follower_.find(*frame.image, frame.time.monotonic_ns, expected);
-    ++(follower_.mode() == SearchMode::kFullScan ? counters_.full_scans
-                                                 : counters_.followed_frames);
+    const auto& found = follower_.find(*frame.image, frame.time.monotonic_ns, expected, observer);
+    countSearch();
+    return found;
+  }
+
+  void countSearch() {
+    switch (follower_.mode()) {
+      case SearchMode::kFullScan:
+        ++counters_.full_scans;
+        break;
+      case SearchMode::kFollowing:
+        ++counters_.followed_frames;
+        break;
+      case SearchMode::kInTurns:
+        ++counters_.busy_frames;
+        break;
+    }
+    counters_.deferred_candidates = follower_.work().deferred;
     const DetectorCounters& detector = follower_.counters();
     counters_.quads = detector.quads;
     counters_.merged_quads = detector.merged;
     counters_.rejected_quads = detector.rejected;
     counters_.quads_without_edges = detector.no_edge;
     counters_.quads_without_code = detector.no_code;
-    return found;
   }
 
   // Whether the marker that is to be the world's origin, or every anchor, has no place in the map

@@ -30,6 +30,8 @@ class StageObserver {
   virtual ~StageObserver() = default;
   virtual void begin(Stage stage) = 0;
   virtual void end(Stage stage) = 0;
+  // Within a stage that may take long: another step of it is done.
+  virtual void advance() {}
 };
 
 // Brackets a stage; the observer may be null.

@@ -56,10 +56,12 @@ void SlamLoop::countMapChange() {
 
 void SlamLoop::process(const capture::Frame& frame) {
   const capture::FrameStamp& stamp = frame.stamp();
+  output_.frame_began_ns.store(monotonicNs(), std::memory_order_relaxed);
   clock_.beginFrame();
   const slam::FrameResult result = slam_->process(
       {.time = {stamp.sequence, stamp.monotonic_ns}, .image = frame.image()}, &clock_);
   record(stamp, result, clock_.endFrame());
+  output_.frame_began_ns.store(0, std::memory_order_relaxed);
   if (!output_.records.try_enqueue(record_)) {
     output_.records_lost.fetch_add(1, std::memory_order_relaxed);
   }

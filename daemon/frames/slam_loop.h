@@ -28,8 +28,10 @@ struct SlamOutput {
   moodycamel::BlockingReaderWriterCircularBuffer<FrameRecord> records{kRecords};
   std::atomic<std::uint64_t> records_lost{0};
   TripleBuffer<MapSnapshot> map;
-  std::atomic<std::int64_t> alive_ns{0};  // monotonic, when the loop last came round
-  std::atomic<bool> finished{false};      // nothing more will come
+  // Monotonic: when the loop last came round, or got on within a frame.
+  std::atomic<std::int64_t> alive_ns{0};
+  std::atomic<std::int64_t> frame_began_ns{0};  // monotonic; 0 between frames
+  std::atomic<bool> finished{false};            // nothing more will come
   // Grows when the map changes: a map copied or saved at the same count is the same map.
   std::atomic<std::uint64_t> map_revision{0};
   std::atomic<int> map_markers{0};  // with a pose, in the map last handed on
@@ -79,7 +81,7 @@ class SlamLoop {
   SlamRequests& requests_;
   SlamOutput& output_;
   const Options options_;
-  StageClock clock_;
+  StageClock clock_{&output_.alive_ns};
   FrameRecord record_;
   capture::FrameStamp last_stamp_;
   bool map_changed_ = false;

@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <array>
+#include <atomic>
 #include <cstddef>
 #include <cstdint>
 
@@ -23,14 +24,18 @@ inline constexpr auto kFrameStages = [] {
 // For one thread; one frame after the other.
 class StageClock final : public slam::StageObserver {
  public:
+  // alive_ns (may be null) gets the monotonic time of the last step, for other threads to see.
+  explicit StageClock(std::atomic<std::int64_t>* alive_ns = nullptr) : alive_ns_(alive_ns) {}
+
   void beginFrame() {
     spent_ns_.fill(0);
     frame_began_ns_ = monotonicNs();
   }
-  void begin(slam::Stage /*stage*/) override { began_ns_ = monotonicNs(); }
+  void begin(slam::Stage /*stage*/) override { began_ns_ = step(); }
   void end(slam::Stage stage) override {
-    spent_ns_[static_cast<std::size_t>(stage)] += monotonicNs() - began_ns_;
+    spent_ns_[static_cast<std::size_t>(stage)] += step() - began_ns_;
   }
+  void advance() override { step(); }
   // Nanoseconds since beginFrame().
   std::int64_t endFrame() {
     const std::int64_t total_ns = monotonicNs() - frame_began_ns_;
@@ -46,6 +51,14 @@ class StageClock final : public slam::StageObserver {
   }
 
  private:
+  // The time.
+  std::int64_t step() {
+    const std::int64_t now_ns = monotonicNs();
+    if (alive_ns_ != nullptr) alive_ns_->store(now_ns, std::memory_order_relaxed);
+    return now_ns;
+  }
+
+  std::atomic<std::int64_t>* alive_ns_;
   std::array<std::int64_t, kFrameStages.size()> spent_ns_{};
   std::int64_t frame_began_ns_ = 0;
   std::int64_t began_ns_ = 0;

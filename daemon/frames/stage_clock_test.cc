@@ -1,6 +1,8 @@
 #include "daemon/frames/stage_clock.h"
 
+#include <atomic>
 #include <chrono>
+#include <cstdint>
 #include <string>
 #include <thread>
 
@@ -39,6 +41,25 @@ TEST(StageClock, TimeOutsideTheStagesHasAName) {
   std::this_thread::sleep_for(milliseconds(10));
   (void)clock.endFrame();
   EXPECT_EQ(clock.longest(), kOtherStage) << "the frame before is forgotten";
+}
+
+TEST(StageClock, EveryStepIsASignOfLife) {
+  std::atomic<std::int64_t> alive_ns{0};
+  StageClock clock(&alive_ns);
+  clock.beginFrame();
+  auto isNewer = [&, before_ns = std::int64_t{0}]() mutable {
+    std::this_thread::sleep_for(milliseconds(1));
+    const bool newer = alive_ns > before_ns;
+    before_ns = monotonicNs();
+    return newer;
+  };
+  clock.begin(slam::Stage::kDetect);
+  EXPECT_TRUE(isNewer());
+  clock.advance();
+  EXPECT_TRUE(isNewer());
+  EXPECT_FALSE(isNewer());
+  clock.end(slam::Stage::kDetect);
+  EXPECT_TRUE(isNewer());
 }
 
 }  // namespace

@@ -67,10 +67,7 @@ void Housekeeper::tick() {
 
 void Housekeeper::feedWatchdog(std::int64_t now_ns) {
   if (options_.watchdog_ns == 0 || now_ns < next_feeding_ns_) return;
-  const std::int64_t alive_ns = slam_.alive_ns.load(std::memory_order_relaxed);
-  // A loop that has come to its end is no loop that hangs: the last map is being saved.
-  const bool finished = slam_.finished.load(std::memory_order_relaxed);
-  const bool hangs = !finished && now_ns - alive_ns > options_.watchdog_ns / 2;
+  const bool hangs = slamHangs(now_ns);
   if (!hangs) {
     service_.alive();
     next_feeding_ns_ = now_ns + options_.watchdog_ns / 8;
@@ -78,6 +75,15 @@ void Housekeeper::feedWatchdog(std::int64_t now_ns) {
     log_.error("the SLAM loop hangs; the watchdog will restart the daemon");
   }
   reported_hanging_ = hangs;
+}
+
+bool Housekeeper::slamHangs(std::int64_t now_ns) const {
+  // A loop that has come to its end is no loop that hangs: the last map is being saved.
+  if (slam_.finished.load(std::memory_order_relaxed)) return false;
+  const std::int64_t alive_ns = slam_.alive_ns.load(std::memory_order_relaxed);
+  const std::int64_t frame_began_ns = slam_.frame_began_ns.load(std::memory_order_relaxed);
+  return now_ns - alive_ns > options_.watchdog_ns / 2 ||
+         (frame_began_ns != 0 && now_ns - frame_began_ns > options_.longest_frame_ns);
 }
 
 void Housekeeper::reportHealth() {

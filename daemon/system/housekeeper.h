@@ -28,8 +28,11 @@ class Housekeeper {
     // gets a hundred rounds a second, and not the processor.
     std::chrono::milliseconds rest{10};
     // The service manager's watchdog, nanoseconds; 0: none. It is fed as long as the SLAM loop has
-    // come round within half of it.
+    // come round, or got on within a frame, in half of it: a slow frame is no hang.
     std::int64_t watchdog_ns = 0;
+    // A frame that takes longer does hang, however it gets on: endless loops make steps, too. Many
+    // times what the slowest computer needs for the largest image.
+    std::int64_t longest_frame_ns = 120'000'000'000;
   };
 
   Housekeeper(FrameQueue& frames, const SlamOutput& slam, TripleBuffer<health_t>& health,
@@ -54,6 +57,7 @@ class Housekeeper {
   void serveAll() const;
   void tick();
   void feedWatchdog(std::int64_t now_ns);
+  [[nodiscard]] bool slamHangs(std::int64_t now_ns) const;
   void reportHealth();
 
   FrameQueue& frames_;

@@ -9,6 +9,7 @@
 #include <sys/eventfd.h>
 
 #include "base/clock.h"
+#include "daemon/frames/stage_clock.h"
 #include "daemon/system/testing_service_manager.h"
 #include <waymark/pose_t.hpp>
 
@@ -71,6 +72,32 @@ TEST_F(HousekeeperTest, FeedsTheWatchdogWhileTheSlamLoopComesRound) {
 
 TEST_F(HousekeeperTest, AHangingSlamLoopStarvesTheWatchdog) {
   slam_.alive_ns.store(monotonicNs() - 1'000'000'000);
+  start(400'000'000);
+  EXPECT_FALSE(reported("WATCHDOG=1", milliseconds(300)));
+}
+
+// The watchdog is much shorter than the frame.
+TEST_F(HousekeeperTest, ASlowFrameThatGetsOnIsNoHang) {
+  StageClock clock(&slam_.alive_ns);
+  slam_.frame_began_ns.store(monotonicNs());
+  start(200'000'000);
+  clock.beginFrame();
+  clock.begin(slam::Stage::kDetect);
+  std::atomic<bool> done{false};
+  std::thread slam([&] {
+    while (!done) {
+      std::this_thread::sleep_for(milliseconds(5));
+      clock.advance();
+    }
+  });
+  for (int i = 0; i < 20; ++i) EXPECT_TRUE(reported("WATCHDOG=1", milliseconds(2000))) << i;
+  done = true;
+  slam.join();
+}
+
+TEST_F(HousekeeperTest, AFrameWithoutEndHangsWhateverStepsItMakes) {
+  slam_.alive_ns.store(monotonicNs() + 10'000'000'000);
+  slam_.frame_began_ns.store(monotonicNs() - 200'000'000'000);
   start(400'000'000);
   EXPECT_FALSE(reported("WATCHDOG=1", milliseconds(300)));
 }

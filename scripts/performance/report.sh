@@ -56,6 +56,25 @@ END
     cat "$measured/hall.txt"
     printf '```\n'
   fi
+  if [[ -f $measured/patterns.txt ]]; then
+    cat << 'END'
+
+## Patterns
+
+Images full of dark things (`tests/bench/patterns.h`), detection alone, milliseconds of thread CPU time
+a frame: a perforated panel's squares, a grille's discs, a facade's windows, text, leaves, noise; moving
+2 pixels a frame at 30 Hz. "In view": without a marker, and so never followed. "Following": with two
+markers, and two more that appear in the middle of the sequence. "Times": the worst frame, of all or of
+those following, against the worst ordinary one (of the walls, searched as a whole); at most 3 is meant.
+"Findable": how many of the four a search finds that looks at everything. "Found after", "new after": frames until
+these are all found, without following and with; 15 are meant. "Missed":
+frames in which a followed marker was not found.
+
+```
+END
+    cat "$measured/patterns.txt"
+    printf '```\n'
+  fi
   printf '\n'
   for file in "$measured"/*.json; do
     jq -r '"\(.name): version \(.made.commit), \(.made.date), \(.made.cpu), load \(.load)."' "$file"

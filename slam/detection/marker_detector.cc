@@ -24,6 +24,17 @@ double diagonal(const MarkerDetection& d) { return diagonalOf(d.pixels); }
 
 constexpr std::size_t kMaxRejected = 256;  // what memory is taken for
 
+constexpr int kUnlimited = ScanBudget::kUnlimited;
+
+void spend(int what, int* left) {
+  if (*left != kUnlimited) *left = std::max(*left - what, 0);
+}
+
+int shareOf(int left, double share, int least) {
+  if (left == kUnlimited) return kUnlimited;
+  return std::max(static_cast<int>(share * left), least);
+}
+
 // Nothing, and why.
 std::nullopt_t count(std::uint64_t* reason) {
   ++*reason;
@@ -37,6 +48,7 @@ std::string DetectorOptions::invalidReason() const {
       scanner.invalidReason(),
       edges.invalidReason(),
       decoder.invalidReason(),
+      budget.invalidReason(),
       firstUnmet({
           {rejected_frames >= 0, "the frames of a rejected square must not be negative"},
           {isNotNegative(same_rejected),
@@ -59,9 +71,10 @@ MarkerDetector::MarkerDetector(const CameraModel& camera, Dictionary dictionary,
     : camera_(camera),
       options_(options),
       dictionary_(std::move(dictionary)),
-      scanner_(options.scanner),
+      scanner_(options.scanner, options.budget),
       refiner_(camera_, options.edges),
-      decoder_(camera_, dictionary_, options.decoder) {
+      decoder_(camera_, dictionary_, options.decoder),
+      picker_(options.budget.turn_share) {
   rejected_.reserve(kMaxRejected);
   rings_.reserve(static_cast<std::size_t>(dictionary_.size()));
   for (int id = 0; id < dictionary_.size(); ++id) rings_.push_back(InnerRing::of(dictionary_, id));
@@ -69,13 +82,15 @@ MarkerDetector::MarkerDetector(const CameraModel& camera, Dictionary dictionary,
 
 const std::vector<MarkerDetection>& MarkerDetector::detect(const ImageView& image) {
   begin();
-  scanWhole(image, {0, 0, image.width, image.height});
+  left_ = {};
+  (void)scan(image, {.window = {0, 0, image.width, image.height}});
   return finish();
 }
 
 void MarkerDetector::begin() {
   measured_.clear();
   detections_.clear();
+  left_ = budget_;
   std::erase_if(rejected_, [this](Rejected& rejected) {
     return ++rejected.frames > options_.rejected_frames;
   });
@@ -92,12 +107,21 @@ bool MarkerDetector::confirm(const ImageView& image, int id,
   return measured.has_value();
 }
 
-void MarkerDetector::scan(const ImageView& image, const SearchRegion& turn) {
-  if (turn.factor == 1) {
-    scanWhole(image, turn.window, turn.max_px);
-  } else {
-    scanReduced(image, turn);
-  }
+ScanOutcome MarkerDetector::scan(const ImageView& image, const SearchRegion& region, double share,
+                                 Runs runs) {
+  const ScanBudget allowed = allotment(share, runs, runs == Runs::kBounded);
+  return region.factor == 1 ? scanWhole(image, region, allowed)
+                            : scanReduced(image, region, allowed);
+}
+
+ScanBudget MarkerDetector::allotment(double share, Runs runs, bool first_come) const {
+  const ScanBudgetOptions& options = options_.budget;
+  const int fits = shareOf(left_.futile_fits, share, options.least_fits);
+  const double first_come_share = first_come || fits == kUnlimited ? options.first_come_share : 0.0;
+  return {runs == Runs::kUnbounded ? kUnlimited : left_.runs,
+          shareOf(left_.regions, share, options.least_regions),
+          shareOf(left_.candidates, share, options.least_candidates), fits,
+          shareOf(fits, first_come_share, 0)};
 }
 
 const std::vector<MarkerDetection>& MarkerDetector::finish() {
@@ -106,30 +130,112 @@ const std::vector<MarkerDetection>& MarkerDetector::finish() {
   return detections_;
 }
 
-void MarkerDetector::scanWhole(const ImageView& image, const Window& window, int max_px) {
+// image: the region at the size it is searched at.
+QuadScan MarkerDetector::scanForQuads(const ImageView& image, const SearchRegion& region,
+                                      const ScanBudget& allowed) {
+  if (observer_ != nullptr) observer_->advance();
+  const QuadScan scan = scanner_.scan(image, region.max_px, allowed, region.turn);
+  if (!scan.too_busy) spend(scan.runs, &left_.runs);
+  spend(scan.regions, &left_.regions);
+  work_.regions += static_cast<std::uint64_t>(scan.regions);
+  work_.compared += static_cast<std::uint64_t>(scan.compared);
+  work_.deferred += static_cast<std::uint64_t>(scan.deferred_regions);
+  promise_.assign(scan.promise.begin(), scan.promise.end());
+  return scan;
+}
+
+void MarkerDetector::deferCandidates(int most, std::uint32_t turn) {
+  const std::span<const std::uint32_t> picked = picker_.pick(promise_, most, turn);
+  work_.deferred += candidates_.size() - picked.size();
+  for (std::size_t i = 0; i < picked.size(); ++i) {
+    candidates_[i] = candidates_[picked[i]];
+    promise_[i] = promise_[picked[i]];
+  }
+  candidates_.resize(picked.size());
+  promise_.resize(picked.size());
+}
+
+void MarkerDetector::countCandidate() {
+  if (observer_ != nullptr) observer_->advance();
+  spend(1, &left_.candidates);
+  ++work_.candidates;
+}
+
+void MarkerDetector::countFutileFit() {
+  spend(1, &left_.futile_fits);
+  ++work_.futile_fits;
+}
+
+ScanOutcome MarkerDetector::scanWhole(const ImageView& image, const SearchRegion& region,
+                                      const ScanBudget& allowed) {
+  const Window& window = region.window;
+  const std::uint64_t deferred = work_.deferred;
   const bool in_turn = window.width < image.width || window.height < image.height;
-  for (const Quad& found : scanner_.scan(partOf(image, window), max_px)) {
-    ++counters_.quads;
-    Quad quad = found;
+  const QuadScan scan = scanForQuads(partOf(image, window), region, allowed);
+  counters_.quads += scan.quads.size();
+  const bool too_many = scan.quads.size() > static_cast<std::size_t>(allowed.candidates);
+  candidates_.clear();
+  for (std::size_t i = 0; i < scan.quads.size(); ++i) {
+    Quad quad = scan.quads[i];
     for (Eigen::Vector2d& corner : quad) corner += Eigen::Vector2d(window.left, window.top);
+    // Where not all can be looked at, none is looked at again.
+    if (too_many && isKnown(quad)) {
+      ++counters_.merged;
+      continue;
+    }
+    if (too_many && in_turn && wasRejected(quad)) {
+      ++counters_.rejected;
+      continue;
+    }
+    promise_[candidates_.size()] = promise_[i];
+    candidates_.push_back(quad);
+  }
+  promise_.resize(candidates_.size());
+  if (too_many) deferCandidates(allowed.candidates, region.turn);
+  examineAll(image, region, allowed);
+  return outcomeOf(scan, deferred, allowed);
+}
+
+void MarkerDetector::examineAll(const ImageView& image, const SearchRegion& region,
+                                const ScanBudget& allowed) {
+  const Window& window = region.window;
+  const bool in_turn = window.width < image.width || window.height < image.height;
+  const auto first_come = static_cast<std::uint64_t>(allowed.first_come_fits);
+  const std::uint64_t fits = work_.futile_fits;
+  unclear_.clear();
+  for (std::size_t i = 0; i < candidates_.size(); ++i) {
+    const Quad& quad = candidates_[i];
     if (isKnown(quad)) {
       ++counters_.merged;
     } else if (in_turn && wasRejected(quad)) {
       ++counters_.rejected;
-    } else if (const auto measured = examine(image, quad)) {
-      measured_.push_back(*measured);
     } else {
-      reject(quad);
+      examine(image, quad, promise_[i], work_.futile_fits - fits < first_come);
     }
   }
+  if (unclear_.empty()) return;
+  fitUnclear(image, allowed.futile_fits - static_cast<int>(work_.futile_fits - fits), region.turn);
+}
+
+// Much more in later frames than in this one: better each part in its turn.
+ScanOutcome MarkerDetector::outcomeOf(const QuadScan& scan, std::uint64_t deferred_before,
+                                      const ScanBudget& allowed) const {
+  const std::uint64_t deferred = work_.deferred - deferred_before;
+  const bool too_busy = scan.too_busy || deferred > static_cast<std::uint64_t>(allowed.candidates);
+  return too_busy ? ScanOutcome::kTooBusy : ScanOutcome::kDone;
 }
 
 // What may be a marker there is looked at where it is in the image itself.
-void MarkerDetector::scanReduced(const ImageView& image, const SearchRegion& turn) {
-  const Window& window = turn.window;
-  const int factor = turn.factor;
+ScanOutcome MarkerDetector::scanReduced(const ImageView& image, const SearchRegion& region,
+                                        const ScanBudget& allowed) {
+  const Window& window = region.window;
+  const int factor = region.factor;
+  const std::uint64_t deferred = work_.deferred;
+  const QuadScan scan =
+      scanForQuads(reducer_.reduce(partOf(image, window), factor), region, allowed);
   candidates_.clear();
-  for (Quad quad : scanner_.scan(reducer_.reduce(partOf(image, window), factor), turn.max_px)) {
+  for (std::size_t i = 0; i < scan.quads.size(); ++i) {
+    Quad quad = scan.quads[i];
     // The middle of a reduced pixel is in the middle of those it was made of.
     for (Eigen::Vector2d& corner : quad) {
       corner = factor * corner + Eigen::Vector2d(window.left, window.top) +
@@ -137,11 +243,28 @@ void MarkerDetector::scanReduced(const ImageView& image, const SearchRegion& tur
     }
     // Smaller ones are found at a larger size.
     if (factor > 2 && diagonalOf(quad) < options_.min_reduced_diagonal_px * factor) continue;
-    if (!isKnown(quad) && !wasRejected(quad)) candidates_.push_back(quad);
+    if (isKnown(quad) || wasRejected(quad)) continue;
+    promise_[candidates_.size()] = promise_[i];
+    candidates_.push_back(quad);
   }
-  for (const Quad& quad : candidates_) {
+  promise_.resize(candidates_.size());
+  if (candidates_.size() > static_cast<std::size_t>(allowed.candidates)) {
+    deferCandidates(allowed.candidates, region.turn);
+  }
+  std::swap(reduced_candidates_, candidates_);
+  const std::uint64_t looked_at = work_.candidates;
+  const std::uint64_t fits = work_.futile_fits;
+  for (std::size_t i = 0; i < reduced_candidates_.size(); ++i) {
+    const Quad& quad = reduced_candidates_[i];
+    // The searches around them spend, too. What is left now comes first while these are rejected.
+    if (work_.candidates - looked_at >= static_cast<std::uint64_t>(allowed.candidates) ||
+        work_.futile_fits - fits >= static_cast<std::uint64_t>(allowed.futile_fits)) {
+      work_.deferred += reduced_candidates_.size() - i;
+      break;
+    }
     const auto corners = undistortCorners(camera_, quad);
     if (!corners) continue;
+    countCandidate();
     const QuadContent content = decoder_.read(image, *corners).content;
     const bool unreadable =
         diagonalOf(quad) < options_.readable_cell_px * factor * dictionary_.cells();
@@ -150,17 +273,22 @@ void MarkerDetector::scanReduced(const ImageView& image, const SearchRegion& tur
       continue;
     }
     const std::size_t before = measured_.size();
-    scanWhole(image, windowAround(quad, options_.reduced_margin_px + factor, image));
-    if (measured_.size() == before) reject(quad);
+    const Window around = windowAround(quad, options_.reduced_margin_px + factor, image);
+    (void)scanWhole(image, {.window = around, .turn = region.turn},
+                    allotment(0.0, Runs::kUnbounded, allowed.first_come_fits > 0));
+    if (measured_.size() > before) continue;
+    countFutileFit();
+    reject(quad);
   }
+  return outcomeOf(scan, deferred, allowed);
 }
 
 bool MarkerDetector::wasRejected(const Quad& quad) {
   const Eigen::Vector2d centre = centreOf(quad);
   const double diagonal = diagonalOf(quad);
   const auto known = std::ranges::find_if(rejected_, [&](const Rejected& rejected) {
-    return (rejected.centre - centre).norm() < options_.same_rejected * diagonal &&
-           std::abs(rejected.diagonal - diagonal) < options_.same_rejected * diagonal;
+    return std::abs(rejected.diagonal - diagonal) < options_.same_rejected * diagonal &&
+           (rejected.centre - centre).norm() < options_.same_rejected * diagonal;
   });
   if (known == rejected_.end()) return false;
   known->centre = centre;
@@ -177,23 +305,72 @@ void MarkerDetector::reject(const Quad& quad) {
 }
 
 // Most codes can be read with the corners as they were found, and most of what is no marker looks
-// like none: exact corners are for markers. Small ones are read with better corners.
-std::optional<MeasuredMarker> MarkerDetector::examine(const ImageView& image, const Quad& quad) {
-  auto corners = undistortCorners(camera_, quad);
-  if (!corners) return count(&counters_.no_edge);
-  std::optional<SideFits> edges;
-  QuadReading reading = decoder_.read(image, *corners);
-  if (reading.content == QuadContent::kNoCode) {
-    const auto rough = refiner_.refine(image, *corners, dictionary_.cells(), nullptr);
-    if (!rough) return count(&counters_.no_edge);
-    corners = rough->normalized;
-    edges = rough->edges;
-    reading = decoder_.read(image, *corners);
+// like none: exact corners are for markers. Small ones are read with better corners; `may_fit`:
+// now, else they wait in unclear_.
+void MarkerDetector::examine(const ImageView& image, const Quad& quad, float promise,
+                             bool may_fit) {
+  countCandidate();
+  const auto corners = undistortCorners(camera_, quad);
+  if (!corners) {
+    ++counters_.no_edge;
+    return reject(quad);
   }
-  if (reading.content != QuadContent::kMarker) return count(&counters_.no_code);
-  const Dictionary::Match& match = reading.match;
-  if (edges) edges = upright(*edges, match.rotation);
-  return measure(image, match.id, upright(*corners, match.rotation), edges ? &*edges : nullptr);
+  const QuadReading reading = decoder_.read(image, *corners);
+  switch (reading.content) {
+    case QuadContent::kNothing:
+      ++counters_.no_code;
+      return reject(quad);
+    case QuadContent::kMarker:
+      return keep(quad, measure(image, reading.match.id, upright(*corners, reading.match.rotation),
+                                nullptr));
+    case QuadContent::kNoCode:
+      break;
+  }
+  if (may_fit) return keep(quad, readWithEdges(image, *corners));
+  const double half = 0.5 * dictionary_.side() * dictionary_.side();
+  const double likeness = reading.code
+                              ? std::max(1.0 - dictionary_.distanceTo(*reading.code) / half, 0.0)
+                              : options_.budget.rough_border_likeness;
+  unclear_.push_back({quad, *corners, promise * static_cast<float>(likeness)});
+}
+
+void MarkerDetector::fitUnclear(const ImageView& image, int most, std::uint32_t turn) {
+  promise_.clear();
+  for (const Unclear& unclear : unclear_) promise_.push_back(unclear.promise);
+  const std::span<const std::uint32_t> picked = picker_.pick(promise_, most, turn);
+  work_.deferred += unclear_.size() - picked.size();
+  for (const std::uint32_t i : picked) {
+    const Unclear& unclear = unclear_[i];
+    if (isKnown(unclear.quad)) {
+      ++counters_.merged;
+    } else {
+      keep(unclear.quad, readWithEdges(image, unclear.corners));
+    }
+  }
+}
+
+std::optional<MeasuredMarker> MarkerDetector::readWithEdges(
+    const ImageView& image, const std::array<Eigen::Vector2d, 4>& corners) {
+  std::optional<MeasuredMarker> measured;
+  const auto rough = refiner_.refine(image, corners, dictionary_.cells(), nullptr);
+  const QuadReading reading = rough ? decoder_.read(image, rough->normalized) : QuadReading{};
+  if (reading.content == QuadContent::kMarker) {
+    const Dictionary::Match& match = reading.match;
+    const SideFits edges = upright(rough->edges, match.rotation);
+    measured = measure(image, match.id, upright(rough->normalized, match.rotation), &edges);
+  } else {
+    ++(rough ? counters_.no_code : counters_.no_edge);
+  }
+  if (!measured) countFutileFit();
+  return measured;
+}
+
+void MarkerDetector::keep(const Quad& quad, const std::optional<MeasuredMarker>& measured) {
+  if (measured) {
+    measured_.push_back(*measured);
+  } else {
+    reject(quad);
+  }
 }
 
 std::optional<MeasuredMarker> MarkerDetector::measure(const ImageView& image, int id,

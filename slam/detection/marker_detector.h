@@ -6,6 +6,7 @@
 #include <array>
 #include <cstdint>
 #include <optional>
+#include <span>
 #include <string>
 #include <vector>
 
@@ -15,9 +16,12 @@
 #include "slam/detection/edges/edge_refiner.h"
 #include "slam/detection/marker_detection.h"
 #include "slam/detection/quads/quad_scanner.h"
+#include "slam/detection/scan_budget.h"
 #include "slam/detection/search/reduced_image.h"
 #include "slam/detection/search/window.h"
+#include "slam/detection/turn_picker.h"
 #include "slam/geometry/camera_model.h"
+#include "slam/stages.h"
 
 namespace waymark::slam {
 
@@ -25,6 +29,7 @@ struct DetectorOptions {
   QuadScannerOptions scanner;
   EdgeRefinerOptions edges;
   MarkerDecoderOptions decoder;
+  ScanBudgetOptions budget;
   // A square that was no marker is not looked at again for so many frames: light and blur may be
   // better by then.
   int rejected_frames = 4;
@@ -64,6 +69,20 @@ struct DetectorCounters {
   std::uint64_t rejected = 0;  // rejected a few frames ago, and not looked at again
 };
 
+// What all scans have looked at.
+struct ScanWork {
+  std::uint64_t regions = 0;      // dark regions that quads were fitted to
+  std::uint64_t compared = 0;     // pairs of quads
+  std::uint64_t candidates = 0;   // quads that were looked at for a marker
+  std::uint64_t futile_fits = 0;  // of these, looked at closely in vain
+  std::uint64_t deferred = 0;     // regions and candidates that were left for later frames
+};
+
+enum class ScanOutcome {
+  kDone,
+  kTooBusy,  // there was much more than the budget allows
+};
+
 // A marker in an image, and how its edges look there.
 struct MeasuredMarker {
   MarkerDetection detection;
@@ -76,8 +95,8 @@ class MarkerDetector {
   MarkerDetector(const CameraModel& camera, Dictionary dictionary,
                  const DetectorOptions& options = {});
 
-  // Full scan. Sorted by id, each print once: an id is there twice where two prints have it. Valid
-  // until the next call.
+  // Full scan, however long it takes. Sorted by id, each print once: an id is there twice where two
+  // prints have it. Valid until the next call.
   const std::vector<MarkerDetection>& detect(const ImageView& image);
 
   // The same piece by piece: begin(), any number of confirm() and scan(), finish().
@@ -86,14 +105,23 @@ class MarkerDetector {
   // half. `edges`: as they looked before; may be null.
   bool confirm(const ImageView& image, int id, const std::array<Eigen::Vector2d, 4>& corners,
                const SideFits* edges);
-  // Every marker that is whole in a window of the image.
-  void scan(const ImageView& image, const SearchRegion& turn);
+  // What all scans from one begin() to the next may look at; without one there is no bound.
+  void setBudget(const ScanBudget& budget) { budget_ = left_ = budget; }
+  // Learns that scans get on; may be null.
+  void setObserver(StageObserver* observer) { observer_ = observer; }
+  // Every marker that is whole in a window of the image. share: of what is left of the budget, as
+  // much as the scan may spend. Parts of an image that is known to be busy are searched however
+  // many runs they have.
+  enum class Runs { kBounded, kUnbounded };
+  ScanOutcome scan(const ImageView& image, const SearchRegion& region, double share = 1.0,
+                   Runs runs = Runs::kBounded);
   // As of detect().
   const std::vector<MarkerDetection>& finish();
 
   // Since begin(), in the order in which they were found; a print may be there twice.
   [[nodiscard]] const std::vector<MeasuredMarker>& measured() const { return measured_; }
   [[nodiscard]] const DetectorCounters& counters() const { return counters_; }
+  [[nodiscard]] const ScanWork& work() const { return work_; }
   [[nodiscard]] const Dictionary& dictionary() const { return dictionary_; }
   [[nodiscard]] const CameraModel& camera() const { return camera_; }
 
@@ -105,12 +133,36 @@ class MarkerDetector {
     int frames;  // since it was looked at
   };
 
-  void scanWhole(const ImageView& image, const Window& window, int max_px = 0);
-  void scanReduced(const ImageView& image, const SearchRegion& turn);
+  ScanOutcome scanWhole(const ImageView& image, const SearchRegion& region,
+                        const ScanBudget& allowed);
+  ScanOutcome scanReduced(const ImageView& image, const SearchRegion& region,
+                          const ScanBudget& allowed);
+  // first_come: whether some fits are made as candidates come.
+  [[nodiscard]] ScanBudget allotment(double share, Runs runs, bool first_come) const;
+  QuadScan scanForQuads(const ImageView& image, const SearchRegion& region,
+                        const ScanBudget& allowed);
+  [[nodiscard]] ScanOutcome outcomeOf(const QuadScan& scan, std::uint64_t deferred_before,
+                                      const ScanBudget& allowed) const;
+  // Leaves no more than `most` of candidates_.
+  void deferCandidates(int most, std::uint32_t turn);
+  void countCandidate();
+  void countFutileFit();
   // Whether it was rejected a few frames ago; it is there now.
   [[nodiscard]] bool wasRejected(const Quad& quad);
   void reject(const Quad& quad);
-  [[nodiscard]] std::optional<MeasuredMarker> examine(const ImageView& image, const Quad& quad);
+  // Looks at candidates_, of which there are no more than allowed.
+  void examineAll(const ImageView& image, const SearchRegion& region, const ScanBudget& allowed);
+  // A border without a code that can be read with these corners.
+  struct Unclear {
+    Quad quad;
+    std::array<Eigen::Vector2d, 4> corners;  // normalized
+    float promise;
+  };
+  void examine(const ImageView& image, const Quad& quad, float promise, bool may_fit);
+  void fitUnclear(const ImageView& image, int most, std::uint32_t turn);
+  [[nodiscard]] std::optional<MeasuredMarker> readWithEdges(
+      const ImageView& image, const std::array<Eigen::Vector2d, 4>& corners);
+  void keep(const Quad& quad, const std::optional<MeasuredMarker>& measured);
   // What was read with rough corners has to stand with exact ones. `corners`: upright.
   [[nodiscard]] std::optional<MeasuredMarker> measure(const ImageView& image, int id,
                                                       const std::array<Eigen::Vector2d, 4>& corners,
@@ -129,9 +181,17 @@ class MarkerDetector {
   std::vector<MeasuredMarker> measured_;
   std::vector<MarkerDetection> detections_;
   std::vector<Rejected> rejected_;
-  // Reused from turn to turn.
+  ScanBudget budget_;
+  ScanBudget left_;  // of it, since begin()
+  ScanWork work_;
+  StageObserver* observer_ = nullptr;
+  TurnPicker picker_;
+  // Reused from region to region.
   ImageReducer reducer_;
+  std::vector<Quad> reduced_candidates_;
   std::vector<Quad> candidates_;
+  std::vector<float> promise_;  // of candidates_
+  std::vector<Unclear> unclear_;
 };
 
 }  // namespace waymark::slam

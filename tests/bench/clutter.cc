@@ -8,6 +8,7 @@
 #include <Eigen/LU>
 
 #include "slam/geometry/homography.h"
+#include "tests/bench/develop.h"
 
 namespace waymark::bench {
 namespace {
@@ -32,7 +33,7 @@ ImageView ClutterPainter::paint(std::uint64_t seed) {
   const int squares = uniformInt(30, 90, &random);
   for (int i = 0; i < squares; ++i) paintSquare(&random);
   for (int i = 0; i < 4; ++i) paintWriting(&random);
-  develop(&random);
+  develop(light_, width_, height_, noise_sigma_, &random, &pixels_);
   return {pixels_.data(), width_, height_, width_};
 }
 
@@ -143,29 +144,6 @@ void ClutterPainter::paintWriting(simulator::Random* random) {
     const bool inked = ink[static_cast<std::size_t>(y)][static_cast<std::size_t>(u * 40.0)];
     return within && inked ? 40.0 : 225.0;
   });
-}
-
-// Means of three by three pixels, and the sensor's noise.
-void ClutterPainter::develop(simulator::Random* random) {
-  const auto at = [&](int x, int y) -> float {
-    return light_[static_cast<std::size_t>(std::clamp(y, 0, height_ - 1)) *
-                      static_cast<std::size_t>(width_) +
-                  static_cast<std::size_t>(std::clamp(x, 0, width_ - 1))];
-  };
-  // Numbers drawn once and used from a random place on: gaussian ones are dear.
-  std::array<float, 4096> noise{};
-  for (float& value : noise) value = static_cast<float>(noise_sigma_ * random->gaussian());
-  std::size_t i = 0;
-  for (int y = 0; y < height_; ++y) {
-    std::size_t place = random->next() % noise.size();
-    for (int x = 0; x < width_; ++x) {
-      float sum = 0.0F;
-      for (int dy = -1; dy <= 1; ++dy) sum += at(x - 1, y + dy) + at(x, y + dy) + at(x + 1, y + dy);
-      place = (place + 1) % noise.size();
-      pixels_[i++] =
-          static_cast<std::uint8_t>(std::clamp(std::lround(sum / 9.0F + noise[place]), 0L, 255L));
-    }
-  }
 }
 
 }  // namespace waymark::bench

@@ -36,7 +36,6 @@ class ClutterPainter {
   // level(u, v): the grey level at a place of the unit square.
   template <typename Level>
   void fill(const Quad& quad, const Level& level);
-  void develop(simulator::Random* random);
 
   int width_;
   int height_;

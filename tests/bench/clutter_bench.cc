@@ -1,5 +1,5 @@
 // Frames of clutter without a single marker: who finds some all the same, and what looking costs
-// (thread CPU time).
+// (thread CPU time). And frames full of patterns without end.
 #include <cstdint>
 #include <cstdio>
 #include <memory>
@@ -12,7 +12,9 @@
 #include "base/clock.h"
 #include "tests/bench/clutter.h"
 #include "tests/bench/command_line.h"
+#include "tests/bench/pattern_runs.h"
 #include "tests/bench/peers.h"
+#include "tests/bench/pinhole.h"
 #include "tools/exit_code.h"
 #include "tools/stage_timer.h"
 
@@ -26,6 +28,8 @@ struct Arguments {
   double noise_sigma = 3.0;
   bool alone = false;
   std::string picture;
+  bool patterns = false;
+  int repeats = 3;
 };
 
 struct Score {
@@ -33,16 +37,6 @@ struct Score {
   std::int64_t ids = 0;
   std::int64_t frames = 0;  // with an id
 };
-
-slam::CameraModel pinhole(int width, int height) {
-  slam::Calibration calibration;
-  calibration.width = width;
-  calibration.height = height;
-  calibration.fx = calibration.fy = width;
-  calibration.cx = 0.5 * (width - 1);
-  calibration.cy = 0.5 * (height - 1);
-  return slam::CameraModel(calibration);
-}
 
 void run(const Arguments& arguments) {
   constexpr int kCells = 8;  // of tag36h11, with its border
@@ -82,6 +76,16 @@ void run(const Arguments& arguments) {
   }
 }
 
+int patterns(const Arguments& arguments) {
+  const auto within = runPatterns({.width = arguments.size[0],
+                                   .height = arguments.size[1],
+                                   .frames = static_cast<int>(arguments.frames),
+                                   .repeats = arguments.repeats,
+                                   .seed = arguments.seed});
+  if (!within) return tools::kBadInput;
+  return *within ? tools::kDone : 1;
+}
+
 }  // namespace
 }  // namespace waymark::bench
 
@@ -101,7 +105,13 @@ int main(int argc, char** argv) {
       ->check(CLI::NonNegativeNumber);
   app.add_flag("--alone", arguments.alone, "Our detector only");
   app.add_option("--picture", arguments.picture, "The first frame as an image file");
+  app.add_flag("--patterns", arguments.patterns,
+               "Patterns instead of clutter, from frame to frame; fails where one takes too long");
+  app.add_option("--repeats", arguments.repeats, "Of patterns; the shortest time counts")
+      ->capture_default_str()
+      ->check(CLI::PositiveNumber);
   if (const auto exit_code = bench::parse(app, argc, argv)) return *exit_code;
+  if (arguments.patterns) return bench::patterns(arguments);
   bench::run(arguments);
   return tools::kDone;
 }

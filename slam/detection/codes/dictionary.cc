@@ -2,11 +2,14 @@
 
 #include <algorithm>
 #include <bit>
+#include <cstddef>
 #include <map>
+#include <tuple>
 #include <utility>
 
 #include <opencv2/aruco/dictionary.hpp>
 
+#include "base/vectorized.h"
 #include "slam/detection/codes/dictionary_aruco_mip_36h12.h"
 
 namespace waymark::slam {
@@ -67,6 +70,14 @@ std::vector<std::uint64_t> codesFromOpenCv(const OpenCvSource& source, int* side
   return codes;
 }
 
+// Of bits, to the nearest of so many codes; not above `most`.
+WAYMARK_VECTORIZED int leastDistance(const std::uint64_t* codes, std::size_t count,
+                                     std::uint64_t code, int most) {
+  int least = most;
+  for (std::size_t i = 0; i < count; ++i) least = std::min(least, std::popcount(codes[i] ^ code));
+  return least;
+}
+
 }  // namespace
 
 std::uint64_t Dictionary::rotateClockwise(std::uint64_t code, int side) {
@@ -82,22 +93,27 @@ std::uint64_t Dictionary::rotateClockwise(std::uint64_t code, int side) {
 
 Dictionary::Dictionary(std::string name, int side, std::vector<std::uint64_t> codes)
     : name_(std::move(name)), side_(side), codes_(std::move(codes)) {
-  entries_.reserve(codes_.size() * 4);
+  std::vector<std::tuple<std::uint64_t, int, int>> turned;  // code, id, rotation
+  turned.reserve(codes_.size() * 4);
   for (int id = 0; id < size(); ++id) {
     std::uint64_t code = codes_[static_cast<std::size_t>(id)];
     for (int rotation = 0; rotation < 4; ++rotation) {
-      entries_.push_back({code, id, rotation});
+      turned.emplace_back(code, id, rotation);
       code = rotateClockwise(code, side_);
     }
   }
   min_distance_ = side_ * side_;
-  for (std::size_t a = 0; a < entries_.size(); a += 4) {  // rotation 0 of each code
-    for (std::size_t b = a + 1; b < entries_.size(); ++b) {
-      min_distance_ = std::min(min_distance_, std::popcount(entries_[a].code ^ entries_[b].code));
+  for (std::size_t a = 0; a < turned.size(); a += 4) {  // rotation 0 of each code
+    for (std::size_t b = a + 1; b < turned.size(); ++b) {
+      min_distance_ =
+          std::min(min_distance_, std::popcount(std::get<0>(turned[a]) ^ std::get<0>(turned[b])));
     }
   }
-  std::sort(entries_.begin(), entries_.end(),
-            [](const Entry& a, const Entry& b) { return a.code < b.code; });
+  std::ranges::sort(turned);
+  for (const auto& [code, id, rotation] : turned) {
+    turned_codes_.push_back(code);
+    entries_.push_back({id, rotation});
+  }
 }
 
 std::optional<Dictionary> Dictionary::byName(std::string_view name) {
@@ -126,26 +142,23 @@ bool Dictionary::white(int id, int row, int column) const {
 }
 
 std::optional<Dictionary::Match> Dictionary::identify(std::uint64_t code, int max_hamming) const {
-  const auto exact =
-      std::lower_bound(entries_.begin(), entries_.end(), code,
-                       [](const Entry& entry, std::uint64_t value) { return entry.code < value; });
-  if (exact != entries_.end() && exact->code == code) {
-    return Match{exact->id, exact->rotation, 0};
-  }
-  std::optional<Match> best;
-  bool tie = false;
-  for (const Entry& entry : entries_) {
-    const int distance = std::popcount(entry.code ^ code);
-    if (distance > max_hamming) continue;
-    if (!best || distance < best->hamming) {
-      best = Match{entry.id, entry.rotation, distance};
-      tie = false;
-    } else if (distance == best->hamming) {
-      tie = true;
-    }
-  }
-  if (tie) return std::nullopt;
-  return best;
+  const auto matchAt = [this](auto place, int hamming) {
+    const Entry& entry = entries_[static_cast<std::size_t>(place - turned_codes_.begin())];
+    return Match{entry.id, entry.rotation, hamming};
+  };
+  const auto exact = std::ranges::lower_bound(turned_codes_, code);
+  if (exact != turned_codes_.end() && *exact == code) return matchAt(exact, 0);
+  const int least = distanceTo(code);
+  if (least > max_hamming) return std::nullopt;
+  const auto is_nearest = [=](std::uint64_t other) { return std::popcount(other ^ code) == least; };
+  const auto nearest = std::ranges::find_if(turned_codes_, is_nearest);
+  const bool tie =
+      std::find_if(nearest + 1, turned_codes_.end(), is_nearest) != turned_codes_.end();
+  return tie ? std::nullopt : std::optional(matchAt(nearest, least));
+}
+
+int Dictionary::distanceTo(std::uint64_t code) const {
+  return leastDistance(turned_codes_.data(), turned_codes_.size(), code, side_ * side_);
 }
 
 }  // namespace waymark::slam

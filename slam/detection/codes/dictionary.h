@@ -41,8 +41,11 @@ class Dictionary {
   // border is black.
   [[nodiscard]] bool white(int id, int row, int column) const;
 
-  // The code nearest to `code`, at most max_hamming bits away. Ties have no answer.
+  // The code nearest to `code`, at most max_hamming bits away. Ties have no answer. About 1 us.
   [[nodiscard]] std::optional<Match> identify(std::uint64_t code, int max_hamming) const;
+
+  // How many bits the nearest of all codes is away.
+  [[nodiscard]] int distanceTo(std::uint64_t code) const;
 
   // The code as seen after the marker is turned by a quarter clockwise.
   [[nodiscard]] static std::uint64_t rotateClockwise(std::uint64_t code, int side);
@@ -51,7 +54,6 @@ class Dictionary {
   Dictionary(std::string name, int side, std::vector<std::uint64_t> codes);
 
   struct Entry {
-    std::uint64_t code;
     int id;
     int rotation;
   };
@@ -60,7 +62,9 @@ class Dictionary {
   int side_ = 0;
   int min_distance_ = 0;
   std::vector<std::uint64_t> codes_;
-  std::vector<Entry> entries_;  // all four rotations, sorted by code
+  // All four rotations, sorted by code; and of each whose it is.
+  std::vector<std::uint64_t> turned_codes_;
+  std::vector<Entry> entries_;
 };
 
 }  // namespace waymark::slam

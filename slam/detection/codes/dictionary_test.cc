@@ -1,8 +1,13 @@
 #include "slam/detection/codes/dictionary.h"
 
+#include <algorithm>
+#include <bit>
 #include <cstdint>
 #include <cstdlib>
 #include <functional>
+#include <random>
+#include <utility>
+#include <vector>
 
 #include <apriltag/apriltag.h>
 #include <apriltag/tag16h5.h>
@@ -61,6 +66,44 @@ TEST(Dictionary, IdentifiesRotatedAndDamagedCodes) {
       EXPECT_EQ(corrected->hamming, 2);
       code = Dictionary::rotateClockwise(code, 6);
     }
+  }
+}
+
+// By the definition, code by code; some random codes are as far from two.
+TEST(Dictionary, IdentifiesTheNearestOfAllCodes) {
+  for (const char* const name : {"APRILTAG_36h11", "4X4_50", "ARUCO_ORIGINAL"}) {
+    const auto dictionary = Dictionary::byName(name);
+    ASSERT_TRUE(dictionary);
+    const int bits = dictionary->side() * dictionary->side();
+    std::mt19937_64 random(7);
+    int ties = 0;
+    for (int k = 0; k < 200; ++k) {
+      const std::uint64_t code = random() >> (64 - bits);
+      int least = bits;
+      std::vector<std::pair<int, int>> nearest;  // id, rotation
+      for (int id = 0; id < dictionary->size(); ++id) {
+        std::uint64_t turned = dictionary->code(id);
+        for (int rotation = 0; rotation < 4; ++rotation) {
+          const int distance = std::popcount(turned ^ code);
+          if (distance < least) nearest.clear();
+          if (distance <= least) nearest.emplace_back(id, rotation);
+          least = std::min(least, distance);
+          turned = Dictionary::rotateClockwise(turned, dictionary->side());
+        }
+      }
+      EXPECT_EQ(dictionary->distanceTo(code), least);
+      EXPECT_FALSE(least > 0 && dictionary->identify(code, least - 1));
+      const auto match = dictionary->identify(code, least);
+      if (nearest.size() > 1 && least > 0) {
+        ++ties;
+        EXPECT_FALSE(match) << name;
+      } else {
+        ASSERT_TRUE(match) << name;
+        EXPECT_EQ(std::pair(match->id, match->rotation), nearest.front()) << name;
+        EXPECT_EQ(match->hamming, least);
+      }
+    }
+    EXPECT_GT(ties, 0) << name;
   }
 }
 

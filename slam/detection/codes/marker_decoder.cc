@@ -158,7 +158,7 @@ QuadReading MarkerDecoder::read(const ImageView& image, const Corners& corners) 
       std::ranges::count_if(border_, [threshold](float level) { return level > threshold; });
   const double wrong_share = static_cast<double>(wrong_border) / static_cast<double>(cells);
   if (wrong_share > options_.max_wrong_rough_border) return {};
-  QuadReading reading{QuadContent::kNoCode, {}};
+  QuadReading reading{QuadContent::kNoCode, {}, {}};
   if (wrong_share > options_.max_wrong_border) return reading;
   std::uint64_t code = 0;
   for (int row = 1; row < last; ++row) {
@@ -168,8 +168,10 @@ QuadReading MarkerDecoder::read(const ImageView& image, const Corners& corners) 
       code = (code << 1U) | (level > threshold ? 1U : 0U);
     }
   }
+  reading.code = code;
   if (const auto match = dictionary_.identify(code, options_.max_wrong_bits)) {
-    reading = {QuadContent::kMarker, *match};
+    reading.content = QuadContent::kMarker;
+    reading.match = *match;
   }
   return reading;
 }

@@ -49,7 +49,8 @@ enum class QuadContent {
 
 struct QuadReading {
   QuadContent content = QuadContent::kNothing;
-  Dictionary::Match match;  // of a marker
+  Dictionary::Match match;            // of a marker
+  std::optional<std::uint64_t> code;  // as read, where the border is good enough for that
 };
 
 class MarkerDecoder {

@@ -1,6 +1,7 @@
 #include "slam/detection/quads/dark_mask.h"
 
 #include <algorithm>
+#include <bit>
 #include <cmath>
 #include <cstring>
 
@@ -80,6 +81,17 @@ void pack(const std::uint8_t* flags, int words, std::uint64_t* bits) {
   for (std::ptrdiff_t w = 0; w < words; ++w) bits[w] = wordOf(flags + 64 * w);
 }
 
+// Each begins with a dark pixel that has none to its left.
+WAYMARK_VECTORIZED int countStarts(const std::uint64_t* row, int words) {
+  int starts = 0;
+  std::uint64_t last_bit = 0;
+  for (std::ptrdiff_t w = 0; w < words; ++w) {
+    starts += std::popcount(row[w] & ~(row[w] << 1U | last_bit));
+    last_bit = row[w] >> 63U;
+  }
+  return starts;
+}
+
 void dropSpecks(const DarkMask& raw, DarkMask* mask) {
   const int words = raw.wordsPerRow();
   for (int y = 0; y < raw.height(); ++y) {
@@ -112,6 +124,12 @@ void DarkMask::resize(int width, int height) {
   height_ = height;
   words_per_row_ = (width + 63) / 64;
   bits_.resize(static_cast<std::size_t>(words_per_row_) * static_cast<std::size_t>(height));
+}
+
+int DarkMask::countRuns() const {
+  int runs = 0;
+  for (int y = 0; y < height_; ++y) runs += countStarts(row(y), wordsPerRow());
+  return runs;
 }
 
 DarkMaskMaker::DarkMaskMaker(std::span<const DarkMaskOptions> thresholds)

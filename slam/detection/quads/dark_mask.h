@@ -36,6 +36,8 @@ class DarkMask {
   [[nodiscard]] int wordsPerRow() const { return static_cast<int>(words_per_row_); }
   [[nodiscard]] const std::uint64_t* row(int y) const { return bits_.data() + y * words_per_row_; }
   [[nodiscard]] std::uint64_t* row(int y) { return bits_.data() + y * words_per_row_; }
+  // How many runs of dark pixels its rows have, all together: how long a look at them takes.
+  [[nodiscard]] int countRuns() const;
   [[nodiscard]] bool dark(int x, int y) const { return ((row(y)[x / 64] >> (x % 64)) & 1U) != 0; }
 
  private:

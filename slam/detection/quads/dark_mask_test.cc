@@ -67,6 +67,21 @@ TEST(DarkMask, IsWhatItsDefinitionSays) {
   }
 }
 
+TEST(DarkMask, CountsTheRunsInItsRows) {
+  for (const int width : {64, 65, 130}) {
+    DarkMaskMaker maker(std::array{DarkMaskOptions{}});
+    const DarkMask& mask = maker.make(noise(width, 40, 3).view())[0];
+    int runs = 0;
+    for (int y = 0; y < 40; ++y) {
+      for (int x = 0; x < width; ++x) {
+        runs += mask.dark(x, y) && (x == 0 || !mask.dark(x - 1, y)) ? 1 : 0;
+      }
+    }
+    EXPECT_GT(runs, 100);
+    EXPECT_EQ(mask.countRuns(), runs);
+  }
+}
+
 TEST(DarkMask, SquaresAreDarkInAnyLight) {
   for (const int light : {30, 90, 250}) {
     Picture picture(80, 60, static_cast<std::uint8_t>(light));

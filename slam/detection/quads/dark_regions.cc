@@ -90,7 +90,7 @@ void DarkRegionFinder::measureBoxes() {
       run.parent = root;
       if (root == i) {
         run.region = static_cast<std::int32_t>(boxes_.size());
-        boxes_.push_back({left, right, row, row, -1});
+        boxes_.push_back({left, right, row, row, right - left + 1, -1});
         continue;
       }
       run.region = runs_[static_cast<std::size_t>(root)].region;
@@ -98,6 +98,7 @@ void DarkRegionFinder::measureBoxes() {
       box.left = std::min(box.left, left);
       box.right = std::max(box.right, right);
       box.bottom = row;
+      box.dark_px += right - left + 1;
     }
   }
 }
@@ -136,8 +137,12 @@ void DarkRegionFinder::collectRegions(const DarkMask& mask, int max_px) {
   for (const Box& box : boxes_) {
     if (box.first_row < 0) continue;
     const auto count = static_cast<std::size_t>(box.bottom - box.top + 1);
-    regions_.push_back(
-        {box.left, box.right, box.top, box.bottom, {rows_.data() + box.first_row, count}});
+    regions_.push_back({box.left,
+                        box.right,
+                        box.top,
+                        box.bottom,
+                        box.dark_px,
+                        {rows_.data() + box.first_row, count}});
   }
 }
 

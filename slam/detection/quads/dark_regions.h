@@ -22,6 +22,7 @@ struct DarkRegion {
   int right = 0;
   int top = 0;
   int bottom = 0;
+  int dark_px = 0;  // without what is light within its outline
   // Row by row from the top, the outermost pixels: of a convex region that is its outline.
   std::span<const Extent> rows;
 };
@@ -54,6 +55,7 @@ class DarkRegionFinder {
   };
   struct Box {
     int left, right, top, bottom;
+    int dark_px;
     int first_row;  // in rows_; -1 when the region is left out
   };
 

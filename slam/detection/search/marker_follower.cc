@@ -45,30 +45,38 @@ std::string FollowerOptions::invalidReason() const {
 MarkerFollower::MarkerFollower(const CameraModel& camera, Dictionary dictionary,
                                const DetectorOptions& detector, const FollowerOptions& options)
     : options_(options),
+      budget_(detector.budget),
       detector_(camera, std::move(dictionary), detector),
       schedule_(camera.width(), camera.height(), options.schedule),
       border_(camera.width(), camera.height(), schedule_.coarsest(), options.schedule.overlap_px,
-              options.border) {}
+              options.border) {
+  if (!options.enabled) return;
+  detector_.setBudget(ScanBudget::ofFrame(budget_, camera.width(), camera.height()));
+}
 
 const std::vector<MarkerDetection>& MarkerFollower::find(const ImageView& image,
                                                          std::int64_t time_ns,
-                                                         std::span<const ExpectedMarker> expected) {
+                                                         std::span<const ExpectedMarker> expected,
+                                                         StageObserver* observer) {
   const double interval_s = 1e-9 * static_cast<double>(time_ns - time_ns_);
   time_ns_ = time_ns;
   detector_.begin();
+  detector_.setObserver(observer);
+  ++frames_;
+  if (isBusy()) --busy_frames_;
   const std::span<const SearchRegion> entered = border_.next(image);
   const bool may_follow = options_.enabled && interval_s > 0.0 && !followed_.empty();
   const bool followed = may_follow && follow(image, expected, interval_s);
-  if (!followed) detector_.begin();  // without what was found by chance
+  // What is searched as a whole is searched without what was found by chance.
+  if (!followed && !isBusy()) detector_.begin();
   const Eigen::Vector2d flow_px = flow();
   const bool fast = flow_px.norm() > options_.max_flow * std::min(image.width, image.height);
   mode_ = followed && !fast ? SearchMode::kFollowing : SearchMode::kFullScan;
   if (mode_ == SearchMode::kFollowing) {
     lookForNewcomers(image, expected);
-    for (const SearchRegion& region : entered) detector_.scan(image, region);
-    for (const SearchRegion& region : schedule_.next(interval_s)) detector_.scan(image, region);
+    scanTurns(image, interval_s, entered);
   } else {
-    detector_.scan(image, {{0, 0, image.width, image.height}, 1});
+    scanWhole(image, interval_s);
   }
   remember(interval_s);
   return detector_.finish();
@@ -107,12 +115,52 @@ const MeasuredMarker* MarkerFollower::searchAround(const ImageView& image, const
   const Window window = windowAround(quad, options_.search_px, image);
   if (window.width == 0 || window.height == 0) return nullptr;
   const auto before = static_cast<std::ptrdiff_t>(detector_.measured().size());
-  detector_.scan(image, {window, 1});
+  (void)detector_.scan(image, {.window = window, .turn = frames_}, budget_.lost_marker_share);
   const auto& measured = detector_.measured();
   const auto found = std::find_if(measured.begin() + before, measured.end(),
                                   [id](const MeasuredMarker& s) { return s.detection.id == id; });
   return found == measured.end() ? nullptr : &*found;
 }
+
+// At once; where there is too much for that, in turns from the next frame on.
+void MarkerFollower::scanWhole(const ImageView& image, double interval_s) {
+  if (isBusy()) {
+    mode_ = SearchMode::kInTurns;
+    scanAll(image, schedule_.next(interval_s, budget_.busy_frames));
+    return;
+  }
+  const SearchRegion whole{.window = {0, 0, image.width, image.height}, .turn = whole_scans_++};
+  if (detector_.scan(image, whole) == ScanOutcome::kDone) return;
+  mode_ = SearchMode::kInTurns;
+  becomeBusy();
+}
+
+void MarkerFollower::scanTurns(const ImageView& image, double interval_s,
+                               std::span<const SearchRegion> entered) {
+  const auto due = schedule_.next(interval_s, isBusy() ? budget_.busy_frames : 1);
+  regions_.clear();
+  // In a busy image something crosses the border all the time.
+  if (!isBusy()) regions_.assign(entered.begin(), entered.end());
+  for (SearchRegion& region : regions_) region.turn = frames_;
+  regions_.insert(regions_.end(), due.begin(), due.end());
+  scanAll(image, regions_);
+}
+
+// Each gets as much of what is left as it has of the pixels that are left.
+void MarkerFollower::scanAll(const ImageView& image, std::span<const SearchRegion> regions) {
+  double px = 0.0;
+  for (const SearchRegion& region : regions) px += searchedPixels(region);
+  const auto runs = isBusy() ? MarkerDetector::Runs::kUnbounded : MarkerDetector::Runs::kBounded;
+  for (const SearchRegion& region : regions) {
+    const double region_px = searchedPixels(region);
+    const auto outcome = detector_.scan(image, region, region_px / px, runs);
+    px -= region_px;
+    if (outcome == ScanOutcome::kTooBusy) becomeBusy();
+  }
+}
+
+// Until all of it has had its turn.
+void MarkerFollower::becomeBusy() { busy_frames_ = 2 * budget_.busy_frames; }
 
 // A few a frame, one after the other: some never come, hidden by what the map does not know of.
 void MarkerFollower::lookForNewcomers(const ImageView& image,

@@ -12,13 +12,15 @@
 
 #include "base/image_view.h"
 #include "slam/detection/marker_detector.h"
+#include "slam/detection/scan_budget.h"
 #include "slam/detection/search/border_entry_detector.h"
 #include "slam/detection/search/scan_schedule.h"
+#include "slam/stages.h"
 
 namespace waymark::slam {
 
 struct FollowerOptions {
-  // Off: every frame is scanned as a whole.
+  // Off: every frame is scanned as a whole, however long that takes.
   bool enabled = true;
   ScanScheduleOptions schedule;
   BorderEntryOptions border;
@@ -48,7 +50,11 @@ struct ExpectedMarker {
   std::array<Eigen::Vector2d, 4> now;
 };
 
-enum class SearchMode { kFullScan, kFollowing };
+enum class SearchMode {
+  kFullScan,
+  kFollowing,
+  kInTurns,  // nothing to follow, and too busy to be scanned as a whole
+};
 
 class MarkerFollower {
  public:
@@ -58,9 +64,10 @@ class MarkerFollower {
 
   // Sorted by id; where two prints of one id are seen, both. Valid until the next call. `expected`:
   // sorted by id; of the markers seen in the last frame those that are not among them are expected
-  // to move on in the image as they did.
+  // to move on in the image as they did. `observer` may be null.
   const std::vector<MarkerDetection>& find(const ImageView& image, std::int64_t time_ns,
-                                           std::span<const ExpectedMarker> expected);
+                                           std::span<const ExpectedMarker> expected,
+                                           StageObserver* observer = nullptr);
 
   // How the last frame was searched.
   [[nodiscard]] SearchMode mode() const { return mode_; }
@@ -72,6 +79,8 @@ class MarkerFollower {
   [[nodiscard]] std::span<const Followed> followed() const { return followed_; }
   [[nodiscard]] const DetectorCounters& counters() const { return detector_.counters(); }
   [[nodiscard]] const Dictionary& dictionary() const { return detector_.dictionary(); }
+  // What was looked at in all frames.
+  [[nodiscard]] const ScanWork& work() const { return detector_.work(); }
 
  private:
   using Corners = std::array<Eigen::Vector2d, 4>;
@@ -81,6 +90,12 @@ class MarkerFollower {
                             double interval_s);
   [[nodiscard]] const MeasuredMarker* searchAround(const ImageView& image, const Corners& corners,
                                                    int id);
+  void scanWhole(const ImageView& image, double interval_s);
+  // Beside what has entered, what has its turn.
+  void scanTurns(const ImageView& image, double interval_s, std::span<const SearchRegion> entered);
+  void scanAll(const ImageView& image, std::span<const SearchRegion> regions);
+  [[nodiscard]] bool isBusy() const { return busy_frames_ > 0; }
+  void becomeBusy();
   void lookForNewcomers(const ImageView& image, std::span<const ExpectedMarker> expected);
   [[nodiscard]] Eigen::Vector2d flow() const;
   [[nodiscard]] bool shouldBeSeen(const ExpectedMarker& marker) const;
@@ -89,14 +104,19 @@ class MarkerFollower {
   [[nodiscard]] bool isSeen(int id) const;
 
   FollowerOptions options_;
+  ScanBudgetOptions budget_;
   MarkerDetector detector_;
   ScanSchedule schedule_;
   BorderEntryDetector border_;
   SearchMode mode_ = SearchMode::kFullScan;
+  int busy_frames_ = 0;            // for which the image is not scanned as a whole
+  std::uint32_t frames_ = 0;       // so far
+  std::uint32_t whole_scans_ = 0;  // so far
   std::int64_t time_ns_ = 0;
   std::vector<Followed> followed_;
   std::vector<Followed> next_;  // reused from frame to frame
-  std::size_t newcomer_ = 0;    // where among the expected ones the search goes on
+  std::vector<SearchRegion> regions_;
+  std::size_t newcomer_ = 0;  // where among the expected ones the search goes on
 };
 
 }  // namespace waymark::slam

@@ -6,16 +6,6 @@
 #include "slam/option_checks.h"
 
 namespace waymark::slam {
-namespace {
-
-// At the size it is searched at.
-double pixelsOf(const SearchRegion& region) {
-  return static_cast<double>(region.window.width) * region.window.height /
-         (region.factor * region.factor);
-}
-
-}  // namespace
-
 std::string ScanScheduleOptions::invalidReason() const {
   return firstUnmet({
       {isPositive(round_s), "the time of a round must be positive"},
@@ -37,11 +27,11 @@ ScanSchedule::ScanSchedule(int width, int height, const ScanScheduleOptions& opt
 
 // Parts of reduced images when it is their turn. Every frame has as many pixels to spend as all of
 // them need on average: where those took more, the small markers' parts wait.
-std::span<const SearchRegion> ScanSchedule::next(double interval_s) {
+std::span<const SearchRegion> ScanSchedule::next(double interval_s, int least_frames) {
   due_.clear();
-  if (frame_ == 0) beginRound(interval_s);
+  if (frame_ == 0) beginRound(interval_s, least_frames);
   if (frames_ == 1) {
-    due_.push_back({{0, 0, width_, height_}, 1});
+    due_.push_back({{0, 0, width_, height_}, 1, 0, levels_.back().rounds++});
     return due_;
   }
   for (const Level& level : levels_) unspent_px_ += level.px_per_frame;
@@ -51,19 +41,22 @@ std::span<const SearchRegion> ScanSchedule::next(double interval_s) {
     if (level.credit < level.frames || (level.factor == 1 && unspent_px_ <= 0.0)) continue;
     level.credit -= level.frames;
     due_.push_back(partOf(level));
-    unspent_px_ -= pixelsOf(due_.back());
+    unspent_px_ -= searchedPixels(due_.back());
     level.part = (level.part + 1) % parts;
+    if (level.part == 0) ++level.rounds;
   }
   frame_ = (frame_ + 1) % frames_;
   return due_;
 }
 
-void ScanSchedule::beginRound(double interval_s) {
-  const auto most = static_cast<double>(options_.max_frames);
+void ScanSchedule::beginRound(double interval_s, int least_frames) {
+  const auto most = static_cast<double>(std::max(options_.max_frames, least_frames));
   const double frames = interval_s > 0.0 ? options_.round_s / interval_s : most;
-  frames_ = static_cast<int>(std::clamp(frames, 1.0, most));
+  const double least = least_frames > 1 ? 2.0 : 1.0;  // in one, it is not searched in parts
+  frames_ = static_cast<int>(std::clamp(frames, least, most));
   for (Level& level : levels_) {
-    divide(&level, level.factor == 1 ? options_.small_rounds * frames_ : frames_);
+    divide(&level, level.factor == 1 ? std::max(options_.small_rounds * frames_, 2 * least_frames)
+                                     : std::max(frames_, least_frames));
   }
 }
 
@@ -78,7 +71,7 @@ void ScanSchedule::divide(Level* level, int frames) const {
   level->frames = frames;
   const int parts = level->columns * level->rows;
   level->part %= parts;
-  level->px_per_frame = pixelsOf(partOf(*level)) * parts / frames;
+  level->px_per_frame = searchedPixels(partOf(*level)) * parts / frames;
 }
 
 SearchRegion ScanSchedule::partOf(const Level& level) const {
@@ -92,7 +85,7 @@ SearchRegion ScanSchedule::partOf(const Level& level) const {
   window.height = std::min((row + 1) * height_ / level.rows + overlap, height_) - window.top;
   const bool coarsest = level.factor == levels_.front().factor;
   // What is much larger than the overlap is rarely whole here, and soon found at a coarser size.
-  return {window, level.factor, coarsest ? 0 : 2 * options_.overlap_px};
+  return {window, level.factor, coarsest ? 0 : 2 * options_.overlap_px, level.rounds};
 }
 
 }  // namespace waymark::slam

@@ -2,6 +2,7 @@
 // no frame pays for all of the image.
 #pragma once
 
+#include <cstdint>
 #include <span>
 #include <string>
 #include <vector>
@@ -34,8 +35,9 @@ class ScanSchedule {
   ScanSchedule(int width, int height, const ScanScheduleOptions& options = {});
 
   // The parts whose turn it is, as evenly as may be from frame to frame. interval_s: since the
-  // frame before. Valid until the next call.
-  std::span<const SearchRegion> next(double interval_s);
+  // frame before. least_frames: each reduced size is spread over so many frames at least, and the
+  // full one over twice as many. Valid until the next call.
+  std::span<const SearchRegion> next(double interval_s, int least_frames = 1);
   // The largest factor.
   [[nodiscard]] int coarsest() const { return levels_.front().factor; }
 
@@ -45,13 +47,14 @@ class ScanSchedule {
     int factor = 1;
     int columns = 1;
     int rows = 1;
-    int frames = 1;  // that a round of them takes
-    int part = 0;    // whose turn is next
-    int credit = 0;  // parts times frames since the last turn: one is due at `frames`
+    int frames = 1;            // that a round of them takes
+    int part = 0;              // whose turn is next
+    std::uint32_t rounds = 0;  // so many turns has each part before it had
+    int credit = 0;            // parts times frames since the last turn: one is due at `frames`
     double px_per_frame = 0.0;
   };
 
-  void beginRound(double interval_s);
+  void beginRound(double interval_s, int least_frames);
   void divide(Level* level, int frames) const;
   [[nodiscard]] SearchRegion partOf(const Level& level) const;
 

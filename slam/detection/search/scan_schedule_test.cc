@@ -1,6 +1,8 @@
 #include "slam/detection/search/scan_schedule.h"
 
+#include <array>
 #include <cstdint>
+#include <map>
 
 #include <gtest/gtest.h>
 
@@ -18,9 +20,10 @@ bool covers(const SearchRegion& region, int x, int y, int size, int factor) {
 }
 
 // How many frames it takes until the square is searched whole.
-int framesUntilSeen(ScanSchedule* schedule, double interval_s, int x, int y, int size, int factor) {
+int framesUntilSeen(ScanSchedule* schedule, double interval_s, int x, int y, int size, int factor,
+                    int least_frames = 1) {
   for (int frame = 1; frame <= 1000; ++frame) {
-    for (const SearchRegion& region : schedule->next(interval_s)) {
+    for (const SearchRegion& region : schedule->next(interval_s, least_frames)) {
       if (covers(region, x, y, size, factor)) return frame;
     }
   }
@@ -59,6 +62,40 @@ TEST(ScanSchedule, PartsLieWithinTheImageAndAreAFractionOfIt) {
     all_pixels += pixels;
   }
   EXPECT_LT(all_pixels / kFrames, kWidth * kHeight * 2 / 5);
+}
+
+// However rarely they come.
+TEST(ScanSchedule, ABusyImageIsSpreadOverSoManyFrames) {
+  constexpr int kLeast = 6;
+  for (const double interval_s : {1.0 / 30.0, 0.2, 0.5}) {
+    ScanSchedule schedule(kWidth, kHeight);
+    for (int frame = 0; frame < 50; ++frame) {
+      double pixels = 0.0;
+      for (const SearchRegion& region : schedule.next(interval_s, kLeast)) {
+        pixels += searchedPixels(region);
+      }
+      EXPECT_LT(pixels, kWidth * kHeight / 3) << interval_s;
+    }
+    for (int x = 0; x + 40 <= kWidth; x += 60) {
+      EXPECT_LE(framesUntilSeen(&schedule, interval_s, x, 200, 40, 1, kLeast), 2 * kLeast + 2);
+      EXPECT_LE(framesUntilSeen(&schedule, interval_s, x / 2, 200, 80, 2, kLeast), kLeast + 1);
+    }
+  }
+}
+
+// Also where frames, or nothing, says how many a round has.
+TEST(ScanSchedule, EachPartKnowsHowOftenItWasSearched) {
+  for (const double interval_s : {0.5, 1.0 / 60.0, 0.0}) {
+    ScanSchedule schedule(kWidth, kHeight);
+    std::map<std::array<int, 3>, std::uint32_t> turns;  // by place and factor
+    for (int frame = 0; frame < 1200; ++frame) {
+      for (const SearchRegion& region : schedule.next(interval_s)) {
+        const std::array place{region.window.left, region.window.top, region.factor};
+        EXPECT_EQ(region.turn, turns[place]++) << interval_s;
+      }
+    }
+    for (const auto& [place, times] : turns) EXPECT_GT(times, 1U);
+  }
 }
 
 // At frames that far apart there is no time for turns.

@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <array>
+#include <cstdint>
 
 #include <Eigen/Core>
 
@@ -24,7 +25,15 @@ struct SearchRegion {
   int factor = 1;  // searched at 1/factor of its size
   // Larger things, in pixels at that size, are left to coarser searches; 0: nothing is.
   int max_px = 0;
+  // How often it was searched before: of too many things there, others have their turn each time.
+  std::uint32_t turn = 0;
 };
+
+// At the size it is searched at.
+[[nodiscard]] inline double searchedPixels(const SearchRegion& region) {
+  return static_cast<double>(region.window.width) * region.window.height /
+         (region.factor * region.factor);
+}
 
 [[nodiscard]] inline ImageView partOf(const ImageView& image, const Window& window) {
   return {image.row(window.top) + window.left, window.width, window.height, image.stride};
