@@ -319,9 +319,11 @@ TEST_F(SlamTest, ABendInTheMapIsNotTakenForMoves) {
   Keyframe afar;
   afar.T_w_c = testing::lookAt({0.0, -2.5, 0.0}, {0.0, 3.0, 0.0});
   afar.detections = testing::observeAll(camera_, afar.T_w_c, bent, kSize, /*sigma_px=*/0.0, &rng_);
-  for (MarkerDetection& detection : afar.detections) {
-    for (Eigen::Matrix2d& covariance : detection.covariance) covariance *= 100.0 * 100.0;
-  }
+  afar.detections.change([](auto* detections) {
+    for (MarkerDetection& detection : *detections) {
+      for (Eigen::Matrix2d& covariance : detection.covariance) covariance *= 100.0 * 100.0;
+    }
+  });
   (void)map.addKeyframe(std::move(afar));
   start(std::move(map));
   T_v_w_ = Transform{};

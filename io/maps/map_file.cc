@@ -356,14 +356,15 @@ class MapReader {
       std::copy(twist.begin(), twist.end(), keyframe.twist.data());
     }
     if (node.has("links")) keyframe.links = readLinks(node.at("links"), *map);
+    std::vector<slam::MarkerDetection> all;
     for (const JsonNode& detection : node.at("detections").elements()) {
-      keyframe.detections.push_back(readDetection(detection, camera, *map));
-      const auto& all = keyframe.detections;
+      all.push_back(readDetection(detection, camera, *map));
       if (all.size() > 1 && all.back().id <= all[all.size() - 2].id) {
         detection.at("id").fail("must be larger than the one before; no marker is seen twice");
       }
       if (!node.good()) return;
     }
+    keyframe.detections = std::move(all);
     if (node.good()) (void)map->addKeyframe(std::move(keyframe));
   }
 

@@ -10,7 +10,8 @@ void undistortAgain(const CameraModel& camera, double readout_s, Map* map) {
   map->beginEpoch();
   for (const auto& [id, keyframe] : map->keyframes()) {
     std::vector<int> unseen;
-    for (const MarkerDetection& detection : keyframe.detections) {
+    const SharedDetections before = keyframe.detections;
+    for (const MarkerDetection& detection : before) {
       const MapMarker& marker = map->markers().at(detection.id);
       const auto again = deskewed(detection, camera, keyframe.T_w_c, keyframe.twist, marker.T_w_m,
                                   marker.size_m, readout_s);

@@ -191,8 +191,9 @@ TEST_F(MarginalRecoveryTest, TheMapMayChangeMeanwhile) {
     Keyframe everything = map_.keyframes().begin()->second;
     everything.id = -1;
     for (int id = 6; id < 10; ++id) {
-      everything.detections.push_back(everything.detections.front());
-      everything.detections.back().id = id;
+      MarkerDetection another = everything.detections.front();
+      another.id = id;
+      everything.detections.push_back(another);
     }
     (void)map_.addKeyframe(everything);
   }

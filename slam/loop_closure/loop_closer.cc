@@ -321,8 +321,10 @@ std::optional<KeyframeId> adopt(const ClosedLoop& loop, Map* map) {
   }
   map->beginEpoch();
   Keyframe closing = loop.closing;
-  std::erase_if(closing.detections,
-                [&](const MarkerDetection& d) { return map->find(d.id) == nullptr; });
+  closing.detections.change([&](auto* detections) {
+    std::erase_if(*detections,
+                  [&](const MarkerDetection& d) { return map->find(d.id) == nullptr; });
+  });
   return map->addKeyframe(std::move(closing));
 }
 

@@ -27,7 +27,7 @@ LoopFrame loopEvidence(Keyframe frame, KeyframeId reference, std::span<const Kno
       evidence.expected.push_back(loop[0].T_w_m * T_c_m.inverse());
     }
   }
-  sortById(&evidence.frame.detections);
+  evidence.frame.detections.change([](auto* detections) { sortById(detections); });
   return evidence;
 }
 

@@ -110,7 +110,9 @@ void Map::ban(int marker_id) { withoutPose(MarkerState::kBanned, &markers_.at(ma
 KeyframeId Map::addKeyframe(Keyframe keyframe) {
   keyframe.id = std::max(keyframe.id, next_keyframe_);
   next_keyframe_ = keyframe.id + 1;
-  sortById(&keyframe.detections);
+  if (!std::ranges::is_sorted(keyframe.detections, {}, &MarkerDetection::id)) {
+    keyframe.detections.change([](auto* detections) { sortById(detections); });
+  }
   for (const MarkerDetection& detection : keyframe.detections) {
     views_[detection.id].push_back(keyframe.id);
   }
@@ -148,25 +150,27 @@ void Map::addLink(KeyframeId id, const KeyframeLink& link) {
 }
 
 void Map::addView(KeyframeId id, const MarkerDetection& detection) {
-  std::vector<MarkerDetection>& detections = keyframes_.at(id).detections;
-  const auto behind = std::upper_bound(
-      detections.begin(), detections.end(), detection.id,
-      [](int marker_id, const MarkerDetection& other) { return marker_id < other.id; });
-  detections.insert(behind, detection);
+  keyframes_.at(id).detections.change([&](auto* detections) {
+    const auto behind =
+        std::ranges::upper_bound(*detections, detection.id, {}, &MarkerDetection::id);
+    detections->insert(behind, detection);
+  });
   std::vector<KeyframeId>& views = views_[detection.id];
   views.insert(std::upper_bound(views.begin(), views.end(), id), id);
 }
 
 void Map::replaceView(KeyframeId id, const MarkerDetection& detection) {
-  std::vector<MarkerDetection>& detections = keyframes_.at(id).detections;
-  *std::ranges::lower_bound(detections, detection.id, {}, &MarkerDetection::id) = detection;
+  keyframes_.at(id).detections.change([&](auto* detections) {
+    *std::ranges::lower_bound(*detections, detection.id, {}, &MarkerDetection::id) = detection;
+  });
 }
 
 void Map::removeViews(int marker_id, std::span<const KeyframeId> keyframes) {
   const std::vector<KeyframeId> gone(keyframes.begin(), keyframes.end());  // may be viewsOf()
   for (const KeyframeId id : gone) {
-    std::erase_if(keyframes_.at(id).detections,
-                  [&](const MarkerDetection& d) { return d.id == marker_id; });
+    keyframes_.at(id).detections.change([&](auto* detections) {
+      std::erase_if(*detections, [&](const MarkerDetection& d) { return d.id == marker_id; });
+    });
     std::erase(views_[marker_id], id);
   }
 }

@@ -11,6 +11,7 @@
 
 #include "slam/detection/marker_detection.h"
 #include "slam/geometry/transform.h"
+#include "slam/map/shared_detections.h"
 
 namespace waymark::slam {
 
@@ -58,8 +59,8 @@ struct Keyframe {
   KeyframeId id = -1;
   std::uint64_t sequence = 0;
   std::int64_t monotonic_ns = 0;
-  Transform T_w_c;                          // inverse of the paper's gamma^i
-  std::vector<MarkerDetection> detections;  // sorted by id
+  Transform T_w_c;              // inverse of the paper's gamma^i
+  SharedDetections detections;  // sorted by id
   // Of the camera in its own frame, metres and radians per second; 0 where nobody needs it.
   Vector6d twist = Vector6d::Zero();
   std::vector<KeyframeLink> links{};  // sorted by `to`; the newer of two keyframes has theirs
@@ -68,6 +69,8 @@ struct Keyframe {
   [[nodiscard]] const MarkerDetection* find(int marker_id) const;
 };
 
+// A copy shares the corners of its keyframes with the original: it costs some memory for each
+// keyframe and marker, and may be read, and let go, by another thread.
 class Map {
  public:
   std::string dictionary;

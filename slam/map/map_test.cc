@@ -32,6 +32,28 @@ std::vector<KeyframeId> viewsOf(const Map& map, int id) {
   return {views.begin(), views.end()};
 }
 
+// A copy costs no corners, and neither of the two notices what becomes of the other.
+TEST(Map, ACopySharesWhatItsKeyframesSee) {
+  Map map = smallMap();
+  const Map copy = map;
+  const auto cornersOf = [](const Map& of, KeyframeId id) {
+    return of.keyframes().at(id).detections.data();
+  };
+  for (const KeyframeId id : {0, 1, 2}) EXPECT_EQ(cornersOf(map, id), cornersOf(copy, id)) << id;
+  MarkerDetection other = seen(3);
+  other.hamming = 2;
+  map.replaceView(1, other);
+  map.addView(0, seen(4));
+  const KeyframeId last[] = {2};
+  map.removeViews(4, last);
+  EXPECT_EQ(map.keyframes().at(1).find(3)->hamming, 2);
+  EXPECT_EQ(map.keyframes().at(0).detections.size(), 3U);
+  EXPECT_TRUE(map.keyframes().at(2).detections.empty());
+  EXPECT_EQ(copy.keyframes().at(1).find(3)->hamming, 0);
+  EXPECT_EQ(copy.keyframes().at(0).detections.size(), 2U);
+  EXPECT_EQ(copy.keyframes().at(2).detections.size(), 1U);
+}
+
 TEST(Map, KnowsWhoSeesWhat) {
   const Map map = smallMap();
   EXPECT_EQ(viewsOf(map, 1), (std::vector<KeyframeId>{0}));

@@ -2,6 +2,7 @@
 
 #include <map>
 #include <utility>
+#include <vector>
 
 namespace waymark::slam {
 
@@ -61,16 +62,18 @@ std::optional<Keyframe> RecordedFrameLocator::viewOf(const RecordedFrame& frame,
                                                      const Map& map) const {
   const auto located = locate(map, frame);
   if (!located) return std::nullopt;
-  Keyframe view{-1, frame.sequence, frame.monotonic_ns, located->solution.T_w_c, {}, frame.twist};
+  std::vector<MarkerDetection> seen;
   for (std::size_t i = 0; i < located->known.size(); ++i) {
-    if (located->solution.inlier[i]) view.detections.push_back(*located->known[i].detection);
+    if (located->solution.inlier[i]) seen.push_back(*located->known[i].detection);
   }
   for (const MarkerDetection& detection : located->detections) {
     const MapMarker* const marker = map.find(detection.id);
-    if (marker != nullptr && !marker->T_w_m) view.detections.push_back(detection);
+    if (marker != nullptr && !marker->T_w_m) seen.push_back(detection);
   }
-  sortById(&view.detections);
-  return view;
+  sortById(&seen);
+  return Keyframe{
+      -1,         frame.sequence, frame.monotonic_ns, located->solution.T_w_c, std::move(seen),
+      frame.twist};
 }
 
 }  // namespace waymark::slam

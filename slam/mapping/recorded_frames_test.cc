@@ -4,6 +4,7 @@
 #include <deque>
 #include <random>
 #include <set>
+#include <span>
 #include <utility>
 #include <vector>
 
@@ -55,7 +56,7 @@ class RecordedFramesTest : public ::testing::Test {
     }
     return map_.addKeyframe(keyframe);
   }
-  [[nodiscard]] static std::vector<int> idsOf(const std::vector<MarkerDetection>& detections) {
+  [[nodiscard]] static std::vector<int> idsOf(std::span<const MarkerDetection> detections) {
     std::vector<int> ids;
     for (const MarkerDetection& detection : detections) ids.push_back(detection.id);
     return ids;

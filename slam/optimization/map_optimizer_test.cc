@@ -147,9 +147,11 @@ TEST_F(MapOptimizerTest, FitTellsCostNoiseAndCorners) {
   for (const auto& [id, keyframe] : honest.keyframes()) {
     Keyframe noisy = keyframe;
     map.removeKeyframe(id);
-    for (auto& detection : noisy.detections) {
-      for (auto& covariance : detection.covariance) covariance /= 16.0;
-    }
+    noisy.detections.change([](auto* detections) {
+      for (auto& detection : *detections) {
+        for (auto& covariance : detection.covariance) covariance /= 16.0;
+      }
+    });
     (void)map.addKeyframe(noisy);
   }
   EXPECT_NEAR(testing::wholeMapFit(map).residual_sigma, 4.0, 0.6);

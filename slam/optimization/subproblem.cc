@@ -100,14 +100,13 @@ Task<Subproblem> buildSubproblem(const Map& map, SubproblemMembers roles,
   for (std::size_t c = 0; c < part.keyframes.size(); ++c) {
     const auto found = map.keyframes().find(part.keyframes[c]);
     if (found == map.keyframes().end()) continue;  // has been let go since the first slice
-    const std::size_t views = found->second.detections.size();
-    for (const MarkerDetection& detection : found->second.detections) {
+    const SharedDetections& views = part.detections.emplace_back(found->second.detections);
+    for (const MarkerDetection& detection : views) {
       const int marker = part.markerIndex(detection.id);
       if (marker < 0) continue;
-      part.detections.push_back(detection);
-      part.problem.observations.push_back({static_cast<int>(c), marker, &part.detections.back()});
+      part.problem.observations.push_back({static_cast<int>(c), marker, &detection});
     }
-    co_await budget->spend(kTakeView * static_cast<double>(views));
+    co_await budget->spend(kTakeView * static_cast<double>(views.size()));
   }
   co_return part;
 }

@@ -1,10 +1,10 @@
-// A part of the map as a bundle problem, with copies of all it needs: an adjustment in slices does
-// not mind what becomes of the map meanwhile. And the way back: what was found, as a correction.
+// A part of the map as a bundle problem, with all it needs, copied or shared: an adjustment in
+// slices does not mind what becomes of the map meanwhile. And the way back: what was found, as a
+// correction.
 #pragma once
 
 #include <cstddef>
 #include <cstdint>
-#include <deque>
 #include <optional>
 #include <vector>
 
@@ -20,11 +20,11 @@ struct Subproblem {
     int id = -1;
     std::size_t former_poses = 0;  // how many it had: another number, another place on the wall
   };
-  BundleProblem problem;              // its observations point to the detections
-  std::vector<KeyframeId> keyframes;  // by camera, ascending
-  std::vector<Marker> markers;        // by marker, ascending
-  std::deque<MarkerDetection> detections;
-  std::uint64_t epoch = 0;  // of the map
+  BundleProblem problem;                     // its observations point to the detections
+  std::vector<KeyframeId> keyframes;         // by camera, ascending
+  std::vector<Marker> markers;               // by marker, ascending
+  std::vector<SharedDetections> detections;  // of the keyframes
+  std::uint64_t epoch = 0;                   // of the map
 
   // Index of a marker; -1 for one that takes no part.
   [[nodiscard]] int markerIndex(int id) const;

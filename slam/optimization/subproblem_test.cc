@@ -128,16 +128,13 @@ TEST(Subproblem, HasCopiesOfWhatItsMembersAreAndSee) {
   EXPECT_TRUE(same(part.problem.cameras[2].T, somewhere(-3.0)));
 
   ASSERT_EQ(part.problem.observations.size(), 8U);
-  ASSERT_EQ(part.detections.size(), 8U);
   for (std::size_t i = 0; i < 8; ++i) {
     const auto& observation = part.problem.observations[i];
     const KeyframeId keyframe = part.keyframes[static_cast<std::size_t>(observation.camera)];
     const int id = part.markers[static_cast<std::size_t>(observation.marker)].id;
     const MarkerDetection* const original = map.keyframes().at(keyframe).find(id);
     ASSERT_NE(original, nullptr) << keyframe << " does not see " << id;
-    EXPECT_EQ(observation.detection, &part.detections[i]);
-    EXPECT_EQ(observation.detection->id, id);
-    EXPECT_EQ(observation.detection->normalized[0], original->normalized[0]);
+    EXPECT_EQ(observation.detection, original) << "shared";
   }
 }
 
