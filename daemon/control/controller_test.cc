@@ -241,7 +241,8 @@ TEST_F(ControllerTest, RecordingIsStartedAndStopped) {
   ASSERT_TRUE(state_becomes("recording"));
   constexpr std::array<std::uint8_t, 3> kMessage = {1, 2, 3};
   recorder_->addMessage("POSE", kMessage, 5);  // there is no file before there is something in it
-  ASSERT_TRUE(eventually([&] { return !askFor("status")["recorder"]["file"].get<std::string>().empty(); }));
+  ASSERT_TRUE(
+      eventually([&] { return !askFor("status")["recorder"]["file"].get<std::string>().empty(); }));
   const std::string file = askFor("status")["recorder"]["file"];
   EXPECT_TRUE(file.starts_with((directory_ / "logs").string())) << file;
   EXPECT_TRUE(fs::exists(file));

@@ -35,7 +35,7 @@ std::vector<std::vector<slam::MarkerDetection>> lastViews(const slam::Map& map) 
   std::vector<std::vector<slam::MarkerDetection>> views;
   for (auto entry = map.keyframes().rbegin();
        entry != map.keyframes().rend() && views.size() < kMaxFrames; ++entry) {
-    views.push_back(entry->second.detections);
+    views.push_back(entry->second.detections.get());
   }
   std::reverse(views.begin(), views.end());
   return views;

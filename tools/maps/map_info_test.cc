@@ -31,7 +31,9 @@ TEST(MapInfo, OfASmallMap) {
   file.map.addMarker(9, 0.1);
   file.map.ban(9);
   // One marker's pixels are off by (3, 4), the other's are exact.
-  for (Eigen::Vector2d& pixel : keyframe.detections[1].pixels) pixel += Eigen::Vector2d(3, 4);
+  keyframe.detections.change([](auto* detections) {
+    for (Eigen::Vector2d& pixel : (*detections)[1].pixels) pixel += Eigen::Vector2d(3, 4);
+  });
   file.map.addKeyframe(keyframe);
 
   const auto fits = reprojectionFitByMarker(file);
