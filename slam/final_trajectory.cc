@@ -5,6 +5,7 @@
 #include <cstddef>
 #include <utility>
 
+#include "slam/geometry/moved_on.h"
 #include "slam/slam.h"
 #include "slam/tracking/single_marker_view.h"
 
@@ -140,6 +141,9 @@ class GapFiller {
     return !poses_[i] && frames_[i].pose && frames_[i].pose->source != PoseSource::kMarkers;
   }
   [[nodiscard]] bool hasBoth(std::size_t i) const { return poses_[i] && frames_[i].pose; }
+  [[nodiscard]] double secondsBetween(std::size_t from, std::size_t to) const {
+    return 1e-9 * static_cast<double>(frames_[to].monotonic_ns - frames_[from].monotonic_ns);
+  }
 
   // T_final_live of the last carried frame, as the next frame with markers says; its motion in
   // between was told live.
@@ -147,28 +151,22 @@ class GapFiller {
     const std::size_t next = last + 1;
     if (next >= frames_.size() || !hasBoth(next)) return std::nullopt;
     const PoseEstimate& live = *frames_[last].pose;
-    const double dt_s =
-        1e-9 * static_cast<double>(frames_[next].monotonic_ns - frames_[last].monotonic_ns);
-    const Transform T_last_next{expSo3(Eigen::Vector3d(dt_s * live.twist.tail<3>())),
-                                dt_s * live.twist.head<3>()};
-    return poses_[next]->T_w_c * T_last_next.inverse() * live.T_w_c.inverse();
+    return poses_[next]->T_w_c *
+           movedOn(live.T_w_c, live.twist, secondsBetween(last, next)).inverse();
   }
 
   void fill(std::size_t before, std::size_t begin, std::size_t end) {
     const Transform at_begin = poses_[before]->T_w_c * frames_[before].pose->T_w_c.inverse();
     const auto at_end = correctionAtEnd(end - 1);
-    const auto seconds = [&](std::size_t from, std::size_t to) {
-      return 1e-9 * static_cast<double>(frames_[to].monotonic_ns - frames_[from].monotonic_ns);
-    };
     for (std::size_t i = begin; i < end; ++i) {
       PoseEstimate pose = *frames_[i].pose;
-      const Transform begun = at_begin * pose.T_w_c;
-      pose.T_w_c = begun;
+      const Transform live = pose.T_w_c;
+      pose.T_w_c = at_begin * live;
       if (at_end) {
         // Between two known ends an error is as large as from the nearer one at most.
-        const double share = seconds(before, i) / seconds(before, end);
-        const Vector6d apart = begun.localCoordinates(*at_end * frames_[i].pose->T_w_c);
-        pose.T_w_c = begun.retract(share * apart);
+        const double share = secondsBetween(before, i) / secondsBetween(before, end);
+        const Vector6d apart = pose.T_w_c.localCoordinates(*at_end * live);
+        pose.T_w_c = pose.T_w_c.retract(share * apart);
         pose.covariance = (1.0 - share) * pose.covariance + share * poses_[end]->covariance;
         pose.view_covariance =
             (1.0 - share) * pose.view_covariance + share * poses_[end]->view_covariance;

@@ -274,10 +274,14 @@ class Slam::Impl {
     return std::move(outcome.frame);
   }
 
+  [[nodiscard]] bool hasFeatures(const FrameInput& frame) const {
+    return options_.natural.enabled && frame.image;
+  }
+
   // Natural features follow the markers. False where they know better.
   bool follow(const TrackedFrame& tracked, const PoseEstimate& pose, const FrameInput& frame,
               StageObserver* observer) {
-    if (!options_.natural.enabled || !frame.image) return true;
+    if (!hasFeatures(frame)) return true;
     const StageScope scope(observer, Stage::kFeatures);
     fitting_known_.clear();
     for (std::size_t i = 0; i < tracked.eligible.size(); ++i) {
@@ -289,7 +293,7 @@ class Slam::Impl {
 
   // Seed 2, section 3.3: between the markers.
   void bridge(const FrameInput& frame, StageObserver* observer, FrameResult* result) {
-    if (!options_.natural.enabled || !frame.image) return;
+    if (!hasFeatures(frame)) return;
     const StageScope scope(observer, Stage::kFeatures);
     result->pose = integrator_.bridge(frame.time.monotonic_ns, *frame.image);
     if (!result->pose) return;

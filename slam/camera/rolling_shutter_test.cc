@@ -61,7 +61,7 @@ TEST(RollingShutter, ImageVelocityMatchesFiniteDifferences) {
   twist << 0.3, -0.2, 0.4, 0.5, -0.7, 0.6;
   const Eigen::Vector3d p_c(0.4, -0.3, 2.0);
   const auto imageAt = [&](double seconds) {
-    return (testing::movedOn(Transform{}, twist, seconds).inverse() * p_c).hnormalized().eval();
+    return (movedOn(Transform{}, twist, seconds).inverse() * p_c).hnormalized().eval();
   };
   constexpr double kStep_s = 1e-5;
   const Eigen::Vector2d numeric = (imageAt(kStep_s) - imageAt(-kStep_s)) / (2.0 * kStep_s);

@@ -26,6 +26,10 @@ constexpr std::size_t kMaxRejected = 256;  // what memory is taken for
 
 constexpr int kUnlimited = ScanBudget::kUnlimited;
 
+bool isPart(const Window& window, const ImageView& image) {
+  return window.width < image.width || window.height < image.height;
+}
+
 void spend(int what, int* left) {
   if (*left != kUnlimited) *left = std::max(*left - what, 0);
 }
@@ -170,7 +174,7 @@ ScanOutcome MarkerDetector::scanWhole(const ImageView& image, const SearchRegion
                                       const ScanBudget& allowed) {
   const Window& window = region.window;
   const std::uint64_t deferred = work_.deferred;
-  const bool in_turn = window.width < image.width || window.height < image.height;
+  const bool in_turn = isPart(window, image);
   const QuadScan scan = scanForQuads(partOf(image, window), region, allowed);
   counters_.quads += scan.quads.size();
   const bool too_many = scan.quads.size() > static_cast<std::size_t>(allowed.candidates);
@@ -198,8 +202,7 @@ ScanOutcome MarkerDetector::scanWhole(const ImageView& image, const SearchRegion
 
 void MarkerDetector::examineAll(const ImageView& image, const SearchRegion& region,
                                 const ScanBudget& allowed) {
-  const Window& window = region.window;
-  const bool in_turn = window.width < image.width || window.height < image.height;
+  const bool in_turn = isPart(region.window, image);
   const auto first_come = static_cast<std::uint64_t>(allowed.first_come_fits);
   const std::uint64_t fits = work_.futile_fits;
   unclear_.clear();

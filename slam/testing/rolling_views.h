@@ -5,15 +5,11 @@
 #include <random>
 
 #include "slam/camera/rolling_shutter.h"
+#include "slam/geometry/moved_on.h"
 #include "slam/geometry/twist.h"
 #include "slam/testing/synthetic.h"
 
 namespace waymark::slam::testing {
-
-// Where a camera is some seconds later.
-inline Transform movedOn(const Transform& T_w_c, const Twist& twist, double seconds) {
-  return T_w_c * Transform{expSo3(seconds * twist.tail<3>()), seconds * twist.head<3>()};
-}
 
 // The marker as a camera that is at T_w_c in mid-exposure sees it: each corner at the time its row
 // is read. The rows are found by going there and looking.

@@ -14,7 +14,7 @@
 #include "tests/bench/command_line.h"
 #include "tests/bench/pattern_runs.h"
 #include "tests/bench/peers.h"
-#include "tests/bench/pinhole.h"
+#include "tools/calibration/board_detector.h"
 #include "tools/exit_code.h"
 #include "tools/stage_timer.h"
 
@@ -41,7 +41,8 @@ struct Score {
 void run(const Arguments& arguments) {
   constexpr int kCells = 8;  // of tag36h11, with its border
   ClutterPainter painter(arguments.size[0], arguments.size[1], kCells, arguments.noise_sigma);
-  const slam::CameraModel camera = pinhole(arguments.size[0], arguments.size[1]);
+  const slam::CameraModel camera(
+      calibration::roughCalibration(arguments.size[0], arguments.size[1]));
   std::vector<std::unique_ptr<Detector>> detectors;
   detectors.push_back(ourDetector(camera));
   if (!arguments.alone) {

@@ -15,7 +15,7 @@
 #include "simulator/simulation.h"
 #include "slam/detection/search/marker_follower.h"
 #include "tests/bench/patterns.h"
-#include "tests/bench/pinhole.h"
+#include "tools/calibration/board_detector.h"
 
 namespace waymark::bench {
 namespace {
@@ -173,7 +173,7 @@ std::set<int> findable(const Runner& runner, const Frames& frames, const std::se
 
 bool runPattern(const PatternRunOptions& options, const NamedPattern& named,
                 const Ordinary& ordinary) {
-  const slam::CameraModel camera = pinhole(options.width, options.height);
+  const slam::CameraModel camera(calibration::roughCalibration(options.width, options.height));
   const Runner runner(options, camera);
   const auto picture = [&](std::span<const PlacedMarker> markers) {
     return PatternPicture(named.pattern, options.width, options.height, dictionary(), markers,
