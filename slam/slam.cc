@@ -1,20 +1,19 @@
 #include "slam/slam.h"
 
-#include <algorithm>
 #include <utility>
 #include <vector>
 
 #include "base/task.h"
+#include "slam/batch_mapper.h"
 #include "slam/camera/rolling_shutter_estimator.h"
 #include "slam/covariance/map_covariance.h"
-#include "slam/detection/search/marker_follower.h"
+#include "slam/feature_stage.h"
+#include "slam/frame_detector.h"
 #include "slam/geometry/twist.h"
 #include "slam/initialization/initializer.h"
+#include "slam/map/world_reference.h"
 #include "slam/mapping/map_updater.h"
 #include "slam/marker_screening/marker_screening.h"
-#include "slam/natural/pose_integrator.h"
-#include "slam/optimization/map_optimizer.h"
-#include "slam/tracking/expected_markers.h"
 #include "slam/tracking/frame_tracker.h"
 #include "slam/tracking/local_markers.h"
 
@@ -25,8 +24,7 @@ class Slam::Impl {
   Impl(const CameraModel& camera, Dictionary dictionary, const Options& options, Map map)
       : options_(options),
         camera_(camera),
-        given_intrinsics_(camera.intrinsics()),
-        follower_(camera_, std::move(dictionary), options.detector, options.follower),
+        detector_(camera_, std::move(dictionary), options_.detector, options_.follower, &counters_),
         screening_(options.markers, options.screening),
         initializer_(options.markers, camera_.focalLength(), options.initialization),
         rolling_shutter_(options.shutter, options.markers),
@@ -35,12 +33,13 @@ class Slam::Impl {
             {options_.markers, options_.mapper, options_.loops, options_.tracking.relocalization},
             camera_, tracker_.tracker().optimizer(), local_, &screening_, &rolling_shutter_,
             &counters_),
-        locator_(screening_, camera_, rolling_shutter_, tracker_.tracker()),
         map_(std::move(map)),
         covariance_(options_.markers, options_.covariance, map_, options_.mapping),
-        integrator_(options_.natural, camera_, &counters_),
-        last_old_keyframe_(map_.keyframes().empty() ? -1 : map_.keyframes().rbegin()->first) {
-    map_.dictionary = follower_.dictionary().name();
+        features_(options_.natural, camera_, covariance_, &counters_),
+        world_(options_.markers),
+        batch_({options_, screening_, rolling_shutter_, tracker_.tracker(), &camera_, &updater_,
+                &covariance_, &map_}) {
+    map_.dictionary = detector_.dictionary().name();
   }
 
   // The stages of seed 1, Fig. 4, in its order.
@@ -48,7 +47,7 @@ class Slam::Impl {
     ++counters_.frames;
     FrameResult result;
     auto prediction = tracker_.predict(frame.time.monotonic_ns);
-    result.detections = detect(frame, prediction, observer);
+    result.detections = detector_.detect(frame, map_, local_, prediction, observer);
     if (updater_.hasFinishedWork()) {
       const StageScope scope(observer, Stage::kMap);
       collectWork(&result);
@@ -70,63 +69,20 @@ class Slam::Impl {
       followMap(observer, &result);
     }
     if (result.pose) ++counters_.localized;
-    if (isInOtherWorld()) ++counters_.frames_in_other_world;
+    if (options_.mapping && world_.isMissing(map_)) ++counters_.frames_in_other_world;
     return result;
   }
 
-  void finish() {
-    finishWork();
-    covariance_.recover(updater_.residualSigma(), &map_);
-  }
-
-  void densify(std::span<const RecordedFrame> frames) {
-    finishWork();
-    if (!options_.mapping) return;
-    locator_.densify(frames, last_old_keyframe_, &map_);
-    updater_.resolveAll(&map_);
-  }
-
-  void optimizeMapGlobally() {
-    finishWork();
-    if (options_.mapping && !map_.keyframes().empty()) {
-      const BundleSummary summary =
-          slam::optimizeGlobally(&map_, options_.markers, options_.global_optimization);
-      covariance_.recover(summary.residual_sigma, &map_);
+  // What is under way is done first.
+  [[nodiscard]] BatchMapper& batch() {
+    while (options_.mapping && !updater_.idle(map_)) {
+      updater_.work(kUnlimited, map_);
+      FrameResult nobodys;
+      collectWork(&nobodys);
     }
+    return batch_;
   }
-
-  void optimizeMapAndLens() {
-    finishWork();
-    if (!options_.mapping || map_.keyframes().empty()) return;
-    (void)slam::optimizeGloballyWithIntrinsics(&map_, options_.markers, given_intrinsics_,
-                                               options_.intrinsics, rolling_shutter_.seconds(),
-                                               options_.global_optimization, &camera_);
-    covariance_.recover(updater_.residualSigma(), &map_);
-  }
-
-  [[nodiscard]] std::optional<PoseEstimate> localize(const RecordedFrame& frame) const {
-    auto located = locator_.locate(map_, frame);
-    if (!located) return std::nullopt;
-    located->solution.widenTo(updater_.residualSigma() * updater_.residualSigma());
-    auto estimate = tracker_.tracker().estimateOf(located->solution, located->known, frame.twist);
-    estimate.covariance = covariance_.inWorld(located->solution, located->known);
-    return estimate;
-  }
-
-  [[nodiscard]] std::optional<PosesOfOneMarker> localizeByOneMarker(
-      const RecordedFrame& frame) const {
-    auto located = locator_.locateByOneMarker(map_, frame, options_.tracking.relocalization.square);
-    if (!located) return std::nullopt;
-    PosesOfOneMarker both{
-        located->known.front().detection->id, {}, located->view.log_odds, located->view.barrier};
-    for (std::size_t i = 0; i < 2; ++i) {
-      PoseSolution& solution = located->solutions[i];
-      solution.widenTo(updater_.residualSigma() * updater_.residualSigma());
-      both.poses[i] = tracker_.tracker().estimateOf(solution, located->known, frame.twist);
-      both.poses[i].covariance = covariance_.inWorld(solution, located->known);
-    }
-    return both;
-  }
+  [[nodiscard]] const BatchMapper& batch() const { return batch_; }
 
   [[nodiscard]] const Map& map() const { return map_; }
   [[nodiscard]] const Counters& counters() const { return counters_; }
@@ -134,69 +90,12 @@ class Slam::Impl {
   [[nodiscard]] double readout_s() const { return rolling_shutter_.seconds(); }
 
  private:
-  void finishWork() {
-    while (options_.mapping && !updater_.idle(map_)) {
-      updater_.work(kUnlimited, map_);
-      FrameResult nobodys;
-      collectWork(&nobodys);
-    }
-  }
-
-  // The corners in the image, looked for where the map's markers are expected first.
-  std::span<const MarkerDetection> detect(const FrameInput& frame,
-                                          const std::optional<Prediction>& prediction,
-                                          StageObserver* observer) {
-    if (frame.detections || !frame.image) {
-      return frame.detections.value_or(std::span<const MarkerDetection>{});
-    }
-    const StageScope scope(observer, Stage::kDetect);
-    const auto expected = expectation_.update(map_, prediction, local_, follower_.followed());
-    const auto& found = follower_.find(*frame.image, frame.time.monotonic_ns, expected, observer);
-    countSearch();
-    return found;
-  }
-
-  void countSearch() {
-    switch (follower_.mode()) {
-      case SearchMode::kFullScan:
-        ++counters_.full_scans;
-        break;
-      case SearchMode::kFollowing:
-        ++counters_.followed_frames;
-        break;
-      case SearchMode::kInTurns:
-        ++counters_.busy_frames;
-        break;
-    }
-    counters_.deferred_candidates = follower_.work().deferred;
-    const DetectorCounters& detector = follower_.counters();
-    counters_.quads = detector.quads;
-    counters_.merged_quads = detector.merged;
-    counters_.rejected_quads = detector.rejected;
-    counters_.quads_without_edges = detector.no_edge;
-    counters_.quads_without_code = detector.no_code;
-  }
-
-  // Whether the marker that is to be the world's origin, or every anchor, has no place in the map
-  // yet. A map that is not to grow keeps the world it was made with.
-  [[nodiscard]] bool isInOtherWorld() {
-    if (world_is_fixed_ || !options_.mapping) return false;
-    const MarkerOptions& markers = options_.markers;
-    const auto is_missing = [&](int id) { return map_.findPosed(id) == nullptr; };
-    const bool missing = markers.origin_marker
-                             ? is_missing(*markers.origin_marker)
-                             : !markers.anchors.empty() &&
-                                   std::ranges::all_of(markers.anchors, is_missing, &Anchor::id);
-    world_is_fixed_ = !missing;
-    return missing;
-  }
-
   // What was under way and is done goes into the map before the next frame is tracked in it.
   void collectWork(FrameResult* result) {
     const FinishedWork finished = updater_.collect(&map_);
     for (const Transform& T_new_old : finished.T_new_old) {
       tracker_.correct(T_new_old);
-      integrator_.moveWorld(T_new_old);
+      features_.moveWorld(T_new_old);
     }
     result->map_changed = !finished.T_new_old.empty();
     result->keyframe_added = finished.loop_closed;
@@ -238,7 +137,7 @@ class Slam::Impl {
     auto tracked = trackMarkers(usable, frame.time, prediction, observer, result);
     if (!tracked) return std::nullopt;
     PoseEstimate pose = tracker_.estimateOf(*tracked);
-    if (!follow(*tracked, pose, frame, observer)) {
+    if (!features_.follow(frame, *tracked, pose, observer)) {
       result->reason = NoPoseReason::kMarkersDoNotFit;
       return std::nullopt;
     }
@@ -259,7 +158,10 @@ class Slam::Impl {
     const FrameMarkers markers = tracker_.split(map_, usable, time, prediction, local_);
     TrackingOutcome outcome = tracker_.track(map_, markers, prediction);
     counters_.rejected_poses += static_cast<std::uint64_t>(outcome.rejected_poses);
-    decideLost(outcome);
+    if (outcome.lost_place) {  // what comes now may be at a loop's other end
+      local_.reset();
+      updater_.cancelLoopClosure();
+    }
     result->reason = outcome.reason;
     result->state = TrackingState::kRelocalizing;
     if (!outcome.frame) return std::nullopt;
@@ -274,30 +176,10 @@ class Slam::Impl {
     return std::move(outcome.frame);
   }
 
-  [[nodiscard]] bool hasFeatures(const FrameInput& frame) const {
-    return options_.natural.enabled && frame.image;
-  }
-
-  // Natural features follow the markers. False where they know better.
-  bool follow(const TrackedFrame& tracked, const PoseEstimate& pose, const FrameInput& frame,
-              StageObserver* observer) {
-    if (!hasFeatures(frame)) return true;
-    const StageScope scope(observer, Stage::kFeatures);
-    fitting_known_.clear();
-    for (std::size_t i = 0; i < tracked.eligible.size(); ++i) {
-      if (tracked.solution.inlier[i]) fitting_known_.push_back(tracked.eligible[i]);
-    }
-    return integrator_.follow(frame.time.monotonic_ns, *frame.image, pose, isCertain(tracked),
-                              fitting_known_);
-  }
-
-  // Seed 2, section 3.3: between the markers.
+  // Between the markers.
   void bridge(const FrameInput& frame, StageObserver* observer, FrameResult* result) {
-    if (!hasFeatures(frame)) return;
-    const StageScope scope(observer, Stage::kFeatures);
-    result->pose = integrator_.bridge(frame.time.monotonic_ns, *frame.image);
+    result->pose = features_.bridge(frame, observer);
     if (!result->pose) return;
-    result->pose->covariance += covariance_.sharedAt(result->pose->T_w_c.p);
     result->state = TrackingState::kBridging;
     result->reason = NoPoseReason::kNone;
     tracker_.commit(*result->pose, frame.time.monotonic_ns);
@@ -308,13 +190,6 @@ class Slam::Impl {
     const StageScope scope(observer, Stage::kMap);
     if (result->map_changed || result->keyframe_added) covariance_.noteChange();
     if (covariance_.work(updater_.residualSigma(), &map_)) result->map_changed = true;
-  }
-
-  // What comes now may be at a loop's other end.
-  void decideLost(const TrackingOutcome& outcome) {
-    if (!outcome.lost_place) return;
-    local_.reset();
-    updater_.cancelLoopClosure();
   }
 
   // Sections 4.2 and 4.4 to 4.9.
@@ -329,23 +204,19 @@ class Slam::Impl {
 
   Options options_;
   CameraModel camera_;
-  IntrinsicVector given_intrinsics_;
   Counters counters_;
-  MarkerFollower follower_;
+  FrameDetector detector_;
   MarkerScreening screening_;
   Initializer initializer_;
   RollingShutterEstimator rolling_shutter_;
   LocalMarkers local_;
-  MarkerExpectation expectation_;
   FrameTracker tracker_;
   MapUpdater updater_;
-  RecordedFrameLocator locator_;
   Map map_;
   MapCovariance covariance_;
-  PoseIntegrator integrator_;
-  std::vector<KnownMarker> fitting_known_;  // reused from frame to frame
-  KeyframeId last_old_keyframe_;            // of the map given at the start; -1 for none
-  bool world_is_fixed_ = false;             // what fixes it has had a place in the map
+  FeatureStage features_;
+  WorldReference world_;
+  BatchMapper batch_;
 };
 
 Slam::Slam(const CameraModel& camera, Dictionary dictionary, const Options& options, Map map)
@@ -359,17 +230,17 @@ FrameResult Slam::process(const FrameInput& frame, StageObserver* observer) {
 const Map& Slam::map() const { return impl_->map(); }
 const Counters& Slam::counters() const { return impl_->counters(); }
 const CameraModel& Slam::camera() const { return impl_->camera(); }
-void Slam::densify(std::span<const RecordedFrame> frames) { impl_->densify(frames); }
-void Slam::finish() { impl_->finish(); }
-void Slam::optimizeGlobally() { impl_->optimizeMapGlobally(); }
-void Slam::optimizeGloballyWithIntrinsics() { impl_->optimizeMapAndLens(); }
+void Slam::densify(std::span<const RecordedFrame> frames) { impl_->batch().densify(frames); }
+void Slam::finish() { impl_->batch().recoverCovariance(); }
+void Slam::optimizeGlobally() { impl_->batch().optimize(); }
+void Slam::optimizeGloballyWithIntrinsics() { impl_->batch().optimizeWithIntrinsics(); }
 
 std::optional<PoseEstimate> Slam::localize(const RecordedFrame& frame) const {
-  return impl_->localize(frame);
+  return std::as_const(*impl_).batch().localize(frame);
 }
 
 std::optional<PosesOfOneMarker> Slam::localizeByOneMarker(const RecordedFrame& frame) const {
-  return impl_->localizeByOneMarker(frame);
+  return std::as_const(*impl_).batch().localizeByOneMarker(frame);
 }
 
 double Slam::readout_s() const { return impl_->readout_s(); }

@@ -2,7 +2,6 @@
 // no clocks, no files; time comes in with the frame.
 #pragma once
 
-#include <array>
 #include <memory>
 #include <optional>
 #include <span>
@@ -18,13 +17,6 @@
 #include "slam/stages.h"
 
 namespace waymark::slam {
-
-struct PosesOfOneMarker {
-  int marker = -1;
-  std::array<PoseEstimate, 2> poses;  // the one that explains the image better first
-  double log_odds = 0.0;              // as SingleMarkerView's, and so is the barrier
-  double barrier = 0.0;
-};
 
 class Slam {
  public:

@@ -15,6 +15,7 @@
 #include "slam/map/map.h"
 #include "slam/map/marker_options.h"
 #include "slam/marker_screening/marker_screening.h"
+#include "slam/pose_estimate.h"
 #include "slam/tracking/single_marker_view.h"
 #include "slam/tracking/tracker.h"
 
@@ -41,6 +42,14 @@ struct FrameOfOneMarker {
   std::vector<KnownMarker> known;           // one, pointing into `detections`
   SingleMarkerView view;
   std::array<PoseSolution, 2> solutions;
+};
+
+// The same as two results.
+struct PosesOfOneMarker {
+  int marker = -1;
+  std::array<PoseEstimate, 2> poses;  // the one that explains the image better first
+  double log_odds = 0.0;              // as SingleMarkerView's, and so is the barrier
+  double barrier = 0.0;
 };
 
 // All that it is given must outlive it.

@@ -1,0 +1,71 @@
+#include "slam/batch_mapper.h"
+
+#include "slam/camera/lens_optimizer.h"
+#include "slam/optimization/map_optimizer.h"
+
+namespace waymark::slam {
+
+BatchMapper::BatchMapper(const BatchMapperParts& parts)
+    : with_(parts),
+      given_intrinsics_(parts.camera->intrinsics()),
+      last_old_keyframe_(parts.map->keyframes().empty() ? -1
+                                                        : parts.map->keyframes().rbegin()->first),
+      locator_(parts.screening, *parts.camera, parts.rolling_shutter, parts.tracker) {}
+
+bool BatchMapper::hasMapToOptimize() const {
+  return with_.options.mapping && !with_.map->keyframes().empty();
+}
+
+void BatchMapper::recoverCovariance() {
+  with_.covariance->recover(with_.updater->residualSigma(), with_.map);
+}
+
+void BatchMapper::densify(std::span<const RecordedFrame> frames) {
+  if (!with_.options.mapping) return;
+  locator_.densify(frames, last_old_keyframe_, with_.map);
+  with_.updater->resolveAll(with_.map);
+}
+
+void BatchMapper::optimize() {
+  if (!hasMapToOptimize()) return;
+  const BundleSummary summary =
+      optimizeGlobally(with_.map, with_.options.markers, with_.options.global_optimization);
+  with_.covariance->recover(summary.residual_sigma, with_.map);
+}
+
+void BatchMapper::optimizeWithIntrinsics() {
+  if (!hasMapToOptimize()) return;
+  (void)optimizeGloballyWithIntrinsics(with_.map, with_.options.markers, given_intrinsics_,
+                                       with_.options.intrinsics, with_.rolling_shutter.seconds(),
+                                       with_.options.global_optimization, with_.camera);
+  recoverCovariance();
+}
+
+PoseEstimate BatchMapper::estimateOf(const std::vector<KnownMarker>& known, const Twist& twist,
+                                     PoseSolution* solution) const {
+  const double sigma = with_.updater->residualSigma();
+  solution->widenTo(sigma * sigma);
+  PoseEstimate estimate = with_.tracker.estimateOf(*solution, known, twist);
+  estimate.covariance = with_.covariance->inWorld(*solution, known);
+  return estimate;
+}
+
+std::optional<PoseEstimate> BatchMapper::localize(const RecordedFrame& frame) const {
+  auto located = locator_.locate(*with_.map, frame);
+  if (!located) return std::nullopt;
+  return estimateOf(located->known, frame.twist, &located->solution);
+}
+
+std::optional<PosesOfOneMarker> BatchMapper::localizeByOneMarker(const RecordedFrame& frame) const {
+  auto located =
+      locator_.locateByOneMarker(*with_.map, frame, with_.options.tracking.relocalization.square);
+  if (!located) return std::nullopt;
+  PosesOfOneMarker both{
+      located->known.front().detection->id, {}, located->view.log_odds, located->view.barrier};
+  for (std::size_t i = 0; i < 2; ++i) {
+    both.poses[i] = estimateOf(located->known, frame.twist, &located->solutions[i]);
+  }
+  return both;
+}
+
+}  // namespace waymark::slam

@@ -1,0 +1,45 @@
+// The stage of natural features (seed 2, section 3.3): they follow the markers while these give the
+// pose, and give it themselves in between. Nothing of it happens in a frame without an image, or
+// when it is off.
+#pragma once
+
+#include <optional>
+#include <vector>
+
+#include "slam/counters.h"
+#include "slam/covariance/map_covariance.h"
+#include "slam/frame.h"
+#include "slam/geometry/camera_model.h"
+#include "slam/natural/pose_integrator.h"
+#include "slam/stages.h"
+#include "slam/tracking/frame_tracker.h"
+
+namespace waymark::slam {
+
+class FeatureStage {
+ public:
+  // All that it is given must outlive it.
+  FeatureStage(const NaturalOptions& options, const CameraModel& camera,
+               const MapCovariance& covariance, Counters* counters)
+      : options_(options), covariance_(covariance), integrator_(options, camera, counters) {}
+
+  // After the markers have given a pose. False where the features know better.
+  [[nodiscard]] bool follow(const FrameInput& frame, const TrackedFrame& tracked,
+                            const PoseEstimate& pose, StageObserver* observer);
+  // Where they have given none: the pose, with what the map does not know of the place in its
+  // covariance.
+  [[nodiscard]] std::optional<PoseEstimate> bridge(const FrameInput& frame,
+                                                   StageObserver* observer);
+  // The map has moved under the camera.
+  void moveWorld(const Transform& T_new_old) { integrator_.moveWorld(T_new_old); }
+
+ private:
+  [[nodiscard]] bool concerns(const FrameInput& frame) const;
+
+  const NaturalOptions& options_;
+  const MapCovariance& covariance_;
+  PoseIntegrator integrator_;
+  std::vector<KnownMarker> fitting_;  // reused from frame to frame
+};
+
+}  // namespace waymark::slam
