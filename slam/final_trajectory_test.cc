@@ -110,7 +110,9 @@ TEST_F(FinalTrajectoryTest, InNoOrderNeighboursSayNothing) {
     const auto alone = slam.localize({i, frames[i].monotonic_ns, frames[i].detections,
                                       frames[i].pose->T_w_c, frames[i].pose->twist});
     ASSERT_EQ(all[i].pose.has_value(), alone.has_value());
-    if (alone) EXPECT_EQ(all[i].pose->ambiguity_ratio, alone->ambiguity_ratio);
+    if (alone) {
+      EXPECT_EQ(all[i].pose->ambiguity_ratio, alone->ambiguity_ratio);
+    }
   }
 }
 

@@ -59,7 +59,7 @@ std::optional<Transform> RollingShutterEstimator::collect(const CameraModel& cam
   const MapCorrection correction = whole_->take();
   whole_.reset();
   if (correction.keyframes.empty()) return std::nullopt;
-  const auto T_new_old = applyAround(correction.keyframes.back().id, correction, map);
+  auto T_new_old = applyAround(correction.keyframes.back().id, correction, map);
   if (T_new_old) map->beginEpoch();
   return T_new_old;
 }

@@ -84,7 +84,7 @@ std::optional<Transform> Mapper::collect(Map* map, Counters* counters) {
   if (!isDone()) return std::nullopt;
   const MapCorrection correction = local_->take();
   local_.reset();
-  const auto T_new_old = applyAround(local_keyframe_, correction, map);
+  auto T_new_old = applyAround(local_keyframe_, correction, map);
   if (!T_new_old) {
     if (!wanted_) wanted_ = local_keyframe_;  // once more, in the new coordinates
     return std::nullopt;
