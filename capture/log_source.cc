@@ -197,12 +197,13 @@ Result<std::unique_ptr<FrameSource>> openLog(const std::filesystem::path& file,
                                              int buffers) {
   Result<eventlog::LogReader> first = eventlog::LogReader::open(file);
   if (!first) return first.error();
-  const Result<StreamInfo> info = describe(file, *first, fps);
+  Result<StreamInfo> info = describe(file, *first, fps);
   if (!info) return info.error();
   Result<eventlog::LogReader> reader = eventlog::LogReader::open(file);
   if (!reader) return reader.error();
   return std::unique_ptr<FrameSource>(
-      std::make_unique<LogSource>(file, std::move(reader).value(), *info, fps, keep_jpeg, buffers));
+      std::make_unique<LogSource>(file, std::move(reader).value(), std::move(info).value(), fps,
+                                  keep_jpeg, buffers));
 }
 
 }  // namespace waymark::capture

@@ -24,6 +24,7 @@ struct Counters {
   std::uint64_t gated_views = 0;
   std::uint64_t refused_markers = 0;
   std::uint64_t bridged_frames = 0;
+  std::uint64_t linked_markers = 0;
   std::uint64_t predicted_frames = 0;
   std::uint64_t filter_restarts = 0;
   std::uint64_t full_scans = 0;
@@ -75,6 +76,8 @@ inline constexpr std::array kCounters = {
                  "markers printed twice, or moved again and again"},
     NamedCounter{"bridged_frames", &Counters::bridged_frames,
                  "frames whose pose is from natural features, as no marker gave one"},
+    NamedCounter{"linked_markers", &Counters::linked_markers,
+                 "markers that joined the map through a gap, by natural features"},
     NamedCounter{"predicted_frames", &Counters::predicted_frames,
                  "frames whose pose is from the motion alone"},
     NamedCounter{"filter_restarts", &Counters::filter_restarts,

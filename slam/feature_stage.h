@@ -26,19 +26,28 @@ class FeatureStage {
   // After the markers have given a pose. False where the features know better.
   [[nodiscard]] bool follow(const FrameInput& frame, const TrackedFrame& tracked,
                             const PoseEstimate& pose, StageObserver* observer);
+  // After follow(): the pose from features and markers together, with what the map does not know of
+  // the place in its covariance. Empty where the markers alone know as well.
+  [[nodiscard]] std::optional<PoseEstimate> fused() const;
   // Where they have given none: the pose, with what the map does not know of the place in its
   // covariance.
   [[nodiscard]] std::optional<PoseEstimate> bridge(const FrameInput& frame,
                                                    StageObserver* observer);
+  // The marker that the carried pose is relative to: the nearest one of the last frame that the
+  // features followed. -1 before the first one.
+  [[nodiscard]] int anchor() const { return anchor_; }
   // The map has moved under the camera.
   void moveWorld(const Transform& T_new_old) { integrator_.moveWorld(T_new_old); }
 
  private:
   [[nodiscard]] bool concerns(const FrameInput& frame) const;
+  [[nodiscard]] std::optional<PoseEstimate> inWorld(std::optional<PoseEstimate> pose) const;
 
   const NaturalOptions& options_;
   const MapCovariance& covariance_;
   PoseIntegrator integrator_;
+  int anchor_ = -1;
+  bool followed_ = false;             // the last frame with a pose from markers
   std::vector<KnownMarker> fitting_;  // reused from frame to frame
 };
 

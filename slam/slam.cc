@@ -10,8 +10,8 @@
 #include "slam/feature_stage.h"
 #include "slam/frame_detector.h"
 #include "slam/geometry/twist.h"
-#include "slam/initialization/initializer.h"
 #include "slam/map/world_reference.h"
+#include "slam/map_start.h"
 #include "slam/mapping/map_updater.h"
 #include "slam/marker_screening/marker_screening.h"
 #include "slam/tracking/frame_tracker.h"
@@ -26,7 +26,6 @@ class Slam::Impl {
         camera_(camera),
         detector_(camera_, std::move(dictionary), options_.detector, options_.follower, &counters_),
         screening_(options.markers, options.screening),
-        initializer_(options.markers, camera_.focalLength(), options.initialization),
         rolling_shutter_(options.shutter, options.markers),
         tracker_(camera_, options.tracking, rolling_shutter_),
         updater_(
@@ -37,6 +36,7 @@ class Slam::Impl {
         covariance_(options_.markers, options_.covariance, map_, options_.mapping),
         features_(options_.natural, camera_, covariance_, &counters_),
         world_(options_.markers),
+        start_({options_, camera_, tracker_.tracker(), &updater_, &covariance_, &map_}),
         batch_({options_, screening_, rolling_shutter_, tracker_.tracker(), &camera_, &updater_,
                 &covariance_, &map_}) {
     map_.dictionary = detector_.dictionary().name();
@@ -59,7 +59,7 @@ class Slam::Impl {
       initialize(usable, frame.time, &result);
     } else {
       const auto tracked = track(usable, frame, prediction, observer, &result);
-      if (!tracked) bridge(frame, observer, &result);
+      if (!tracked) bridge(usable, frame, observer, &result);
       if (options_.mapping) {
         const StageScope scope(observer, Stage::kMap);
         if (tracked) grow(*tracked, &result);
@@ -106,25 +106,10 @@ class Slam::Impl {
   void initialize(std::span<const MarkerDetection> usable, const FrameTime& time,
                   FrameResult* result) {
     result->state = TrackingState::kInitializing;
-    if (!options_.mapping) {
-      result->reason = NoPoseReason::kNoMap;
-      return;
-    }
-    const auto start = initializer_.process(
-        {-1, time.sequence, time.monotonic_ns, Transform{}, {usable.begin(), usable.end()}});
-    if (!start) {
-      result->reason = initializer_.reason();
-      return;
-    }
-    const Transform T_w_c = updater_.begin(*start, &map_);
-    result->map_changed = result->keyframe_added = true;
-    const std::vector<KnownMarker> known = knownMarkers(map_, usable);
-    const auto solution = tracker_.tracker().optimizer().optimize(known, T_w_c);
-    if (!solution) return;
-    result->pose = tracker_.tracker().estimateOf(*solution, known, Twist::Zero());
-    result->pose->T_w_c = T_w_c;  // of a keyframe: by definition of the world, or as optimized
-    covariance_.recover(updater_.residualSigma(), &map_);
-    result->pose->covariance = covariance_.follow(*solution, known);
+    result->reason = options_.mapping ? start_.process(usable, time) : NoPoseReason::kNoMap;
+    result->map_changed = result->keyframe_added = result->reason == NoPoseReason::kNone;
+    result->pose = start_.pose();
+    if (!result->pose) return;
     result->state = TrackingState::kTracking;
     tracker_.commit(*result->pose, time.monotonic_ns);
   }
@@ -144,6 +129,7 @@ class Slam::Impl {
     const StageScope scope(observer, Stage::kTrack);
     pose.covariance =
         covariance_.follow(tracked->solution, tracked->eligible) + coverOfOtherPose(*tracked);
+    if (const auto fused = features_.fused()) pose = *fused;
     result->pose = pose;
     result->state = TrackingState::kTracking;
     tracker_.commit(pose, frame.time.monotonic_ns);
@@ -177,12 +163,27 @@ class Slam::Impl {
   }
 
   // Between the markers.
-  void bridge(const FrameInput& frame, StageObserver* observer, FrameResult* result) {
+  void bridge(std::span<const MarkerDetection> usable, const FrameInput& frame,
+              StageObserver* observer, FrameResult* result) {
     result->pose = features_.bridge(frame, observer);
     if (!result->pose) return;
     result->state = TrackingState::kBridging;
     result->reason = NoPoseReason::kNone;
     tracker_.commit(*result->pose, frame.time.monotonic_ns);
+    if (options_.mapping && result->pose->source == PoseSource::kNaturalFeatures) {
+      growThroughGap(usable, frame.time, observer, result);
+    }
+  }
+
+  void growThroughGap(std::span<const MarkerDetection> usable, const FrameTime& time,
+                      StageObserver* observer, FrameResult* result) {
+    const StageScope scope(observer, Stage::kMap);
+    const PoseEstimate& pose = *result->pose;
+    const auto joined = updater_.growThroughGap(
+        {time, usable, pose.T_w_c, pose.view_covariance, pose.twist, features_.anchor()}, &map_);
+    if (!joined) return;
+    covariance_.introduce(*joined, pose.T_w_c, pose.covariance, &map_);
+    result->map_changed = result->keyframe_added = true;
   }
 
   // The map's uncertainty follows its changes, in slices.
@@ -207,7 +208,6 @@ class Slam::Impl {
   Counters counters_;
   FrameDetector detector_;
   MarkerScreening screening_;
-  Initializer initializer_;
   RollingShutterEstimator rolling_shutter_;
   LocalMarkers local_;
   FrameTracker tracker_;
@@ -216,6 +216,7 @@ class Slam::Impl {
   MapCovariance covariance_;
   FeatureStage features_;
   WorldReference world_;
+  MapStart start_;
   BatchMapper batch_;
 };
 

@@ -132,9 +132,10 @@ TEST_F(CalibrateTool, FromPhotographsToACalibration) {
 TEST_F(CalibrateTool, ViewsThatCannotSayAreRejectedWithoutFiles) {
   std::vector<slam::Transform> poses;
   for (int i = 0; i < 9; ++i) {
-    poses.push_back(calibration::testing::boardAt(
-        photographer_.camera(), {160.0 + 160.0 * (i % 3), 120.0 + 110.0 * (i / 3)}, 0.45, 0.0, 0.0,
-        0.2 * i));
+    const int row = i / 3;
+    poses.push_back(calibration::testing::boardAt(photographer_.camera(),
+                                                  {160.0 + 160.0 * (i % 3), 120.0 + 110.0 * row},
+                                                  0.45, 0.0, 0.0, 0.2 * i));
   }
   photograph(poses);
   const ProgramResult result = calibrate({"--quiet"});

@@ -120,10 +120,10 @@ int runInNetworkOf(pid_t pid, const std::string& command) {
 
 TEST_F(DaemonFaultsTest, TheRouteGoesAndComesBack) {
   if (std::system("unshare -n true 2> /dev/null") != 0) GTEST_SKIP() << "no network of one's own";
-  start(configuration(),
-        {"unshare", "-n", "sh", "-c",
-         "ip link set lo up && ip link set lo multicast on && ip route add 224.0.0.0/4 dev lo && "
-         "exec \"$0\" \"$@\""});
+  const std::string script =
+      "ip link set lo up && ip link set lo multicast on && ip route add 224.0.0.0/4 dev lo && "
+      "exec \"$0\" \"$@\"";
+  start(configuration(), {"unshare", "-n", "sh", "-c", script});
   expectPosesGoOn();
   const std::int64_t localized = counter("slam.localized");
   ASSERT_EQ(runInNetworkOf(daemon_->pid(), "ip route del 224.0.0.0/4 dev lo"), 0);

@@ -146,7 +146,7 @@ Status calibrate(const CalibrateArguments& arguments) {
       calibration::calibrateCamera(named->board, std::move(views).value(), arguments.lens);
   if (!report) return Error{arguments.source + ": " + report.error().message};
   addCalibrationFiles(run, *report, &*output);
-  if (const Status written = output->commit(); !written) return written;
+  if (Status written = output->commit(); !written) return written;
   if (!arguments.quiet) std::fputs(calibrationText(run, *report).c_str(), stdout);
   return success();
 }

@@ -244,7 +244,7 @@ Status writeOutputs(const slam::Slam& slam,
                                               .estimate = final_trajectory,
                                               .truth = {},
                                               .z_is_up = false}));
-  const Status written = output.commit();
+  Status written = output.commit();
   if (written) return written;
   output.add("stats.json", statistics(written.error().message));
   std::string message = written.error().message + "; missing:";

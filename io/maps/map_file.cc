@@ -146,9 +146,9 @@ Json keyframeJson(const slam::Keyframe& keyframe) {
   }
   if (!keyframe.links.empty()) {
     json["links"] = Json::array();
-    for (const slam::KeyframeLink& link : keyframe.links) {
-      json["links"].push_back({{"to", link.to},
-                               {"T_this_to", toJson(link.T_this_to)},
+    for (const slam::MarkerLink& link : keyframe.links) {
+      json["links"].push_back({{"marker", link.marker},
+                               {"T_c_m", toJson(link.T_c_m)},
                                {"covariance", covarianceJson(link.covariance)}});
     }
   }
@@ -368,18 +368,19 @@ class MapReader {
     if (node.good()) (void)map->addKeyframe(std::move(keyframe));
   }
 
-  static std::vector<slam::KeyframeLink> readLinks(const JsonNode& node, const slam::Map& map) {
-    std::vector<slam::KeyframeLink> links;
+  static std::vector<slam::MarkerLink> readLinks(const JsonNode& node, const slam::Map& map) {
+    std::vector<slam::MarkerLink> links;
     for (const JsonNode& element : node.elements()) {
-      slam::KeyframeLink link;
-      link.to = element.at("to").integer(0, kLargestIndex);
-      if (node.good() && !map.keyframes().contains(link.to)) {
-        element.at("to").fail("there is no keyframe " + std::to_string(link.to) + " before");
+      slam::MarkerLink link;
+      link.marker = static_cast<int>(element.at("marker").integer(0, kLargestIndex));
+      if (node.good() && map.findPosed(link.marker) == nullptr) {
+        element.at("marker").fail("the map has no marker " + std::to_string(link.marker) +
+                                  " with a pose");
       }
-      if (node.good() && !links.empty() && link.to <= links.back().to) {
-        element.at("to").fail("must be larger than the one before; two have one link");
+      if (node.good() && !links.empty() && link.marker <= links.back().marker) {
+        element.at("marker").fail("must be larger than the one before; two have one link");
       }
-      link.T_this_to = element.at("T_this_to").transform();
+      link.T_c_m = element.at("T_c_m").transform();
       link.covariance = readCovariance(element.at("covariance"));
       if (!node.good()) break;
       if (link.covariance.llt().info() != Eigen::Success) {

@@ -229,17 +229,17 @@ TEST(MapFile, RollingShutter) {
   EXPECT_GT((corner(map) - corner(sampleMap())).norm(), 1e-6);
 }
 
-// The sample with keyframes that are tied to each other.
+// The sample with keyframes that markers were carried to.
 slam::Map linkedMap() {
   slam::Map map = sampleMap();
   slam::Vector6d delta;
   delta << 1.0, -2.0, 0.5, 0.3, 1.0 / 3.0, -0.6;
   slam::Matrix6d covariance = slam::Matrix6d::Constant(1e-5 / 3.0);
   covariance.diagonal().setLinSpaced(1e-4, 3e-4);
-  map.addLink(6, {4, slam::Transform{}.retract(delta), covariance});
+  map.addLink(6, {3, slam::Transform{}.retract(delta), covariance});
   slam::Keyframe bridge;
   bridge.id = 9;
-  bridge.links = {{4, slam::Transform{}.retract(-delta), covariance}, {6, {}, 2.0 * covariance}};
+  bridge.links = {{3, slam::Transform{}.retract(-delta), covariance}, {7, {}, 2.0 * covariance}};
   map.addKeyframe(bridge);
   return map;
 }
@@ -254,9 +254,9 @@ TEST(MapFile, LinksReadBack) {
     const auto& back = file->map.keyframes().at(id).links;
     ASSERT_EQ(back.size(), keyframe.links.size()) << id;
     for (std::size_t i = 0; i < back.size(); ++i) {
-      EXPECT_EQ(back[i].to, keyframe.links[i].to);
-      EXPECT_EQ(back[i].T_this_to.p, keyframe.links[i].T_this_to.p);
-      EXPECT_LT((back[i].T_this_to.R - keyframe.links[i].T_this_to.R).norm(), 1e-13);
+      EXPECT_EQ(back[i].marker, keyframe.links[i].marker);
+      EXPECT_EQ(back[i].T_c_m.p, keyframe.links[i].T_c_m.p);
+      EXPECT_LT((back[i].T_c_m.R - keyframe.links[i].T_c_m.R).norm(), 1e-13);
       EXPECT_EQ(back[i].covariance, keyframe.links[i].covariance);
     }
   }
@@ -267,13 +267,12 @@ TEST(MapFile, LinksReadBack) {
 TEST(MapFile, FaultsOfLinks) {
   using Edit = std::function<void(nlohmann::ordered_json&)>;  // of the last keyframe's links
   const std::pair<Edit, std::string> cases[] = {
-      {[](auto& l) { l[0]["to"] = 5; }, "links[0].to: there is no keyframe 5 before"},
-      {[](auto& l) { l[1]["to"] = 9; }, "links[1].to: there is no keyframe 9 before"},
-      {[](auto& l) { l[1]["to"] = 4; }, "links[1].to: must be larger than the one before"},
-      {[](auto& l) { l[0]["to"] = -1; }, "links[0].to: must be a whole number"},
-      {[](auto& l) { l[0].erase("to"); }, "links[0].to: is missing"},
-      {[](auto& l) { l[0].erase("T_this_to"); }, "links[0].T_this_to: is missing"},
-      {[](auto& l) { l[1]["T_this_to"]["q"][0] = 3.0; }, "links[1].T_this_to.q: must have len"},
+      {[](auto& l) { l[0]["marker"] = 555; }, "links[0].marker: the map has no marker 555 with a"},
+      {[](auto& l) { l[1]["marker"] = l[0]["marker"]; }, "links[1].marker: must be larger than"},
+      {[](auto& l) { l[0]["marker"] = -1; }, "links[0].marker: must be a whole number"},
+      {[](auto& l) { l[0].erase("marker"); }, "links[0].marker: is missing"},
+      {[](auto& l) { l[0].erase("T_c_m"); }, "links[0].T_c_m: is missing"},
+      {[](auto& l) { l[1]["T_c_m"]["q"][0] = 3.0; }, "links[1].T_c_m.q: must have len"},
       {[](auto& l) { l[0]["covariance"].erase(0); }, "links[0].covariance: must be a list of 21"},
       {[](auto& l) { l[0]["covariance"][0] = 1e13; }, "links[0].covariance: must not exceed"},
       {[](auto& l) { l[0]["covariance"][1] = 1.0; }, "links[0].covariance: must be positive def"},

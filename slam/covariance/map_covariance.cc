@@ -56,6 +56,16 @@ void MapCovariance::adopt(MapMarginals marginals, Map* map) {
   marginals_ = std::move(marginals);
 }
 
+void MapCovariance::introduce(int marker, const Transform& T_w_c, const Matrix6d& pose_covariance,
+                              Map* map) {
+  const MapMarker* const known = map->findPosed(marker);
+  if (!options_.enabled || known == nullptr) return;
+  const Matrix6d T = rigidTransport(known->T_w_m->p - T_w_c.p);
+  const Matrix6d covariance = T * pose_covariance * T.transpose() + known->covariance;
+  marginals_.set(marker, covariance);
+  map->setWorldCovariance(marker, covariance);
+}
+
 Matrix6d MapCovariance::inWorld(const PoseSolution& solution,
                                 std::span<const KnownMarker> markers) const {
   if (!options_.enabled) return solution.covariance;

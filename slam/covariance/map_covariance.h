@@ -43,6 +43,10 @@ class MapCovariance {
   // All of it at once.
   void recover(double residual_sigma, Map* map);
 
+  // A marker has come to the map with a pose of this covariance in the world: known until the next
+  // recovery from that alone.
+  void introduce(int marker, const Transform& T_w_c, const Matrix6d& pose_covariance, Map* map);
+
   // Of a pose that was found from these markers; that of the solution itself where it cannot be
   // told.
   [[nodiscard]] Matrix6d inWorld(const PoseSolution& solution,

@@ -1,10 +1,12 @@
 #include "slam/covariance/marginal_recovery.h"
 
 #include <algorithm>
+#include <optional>
 #include <utility>
 #include <vector>
 
 #include <Eigen/Core>
+#include <Eigen/LU>
 
 #include "base/sorted.h"
 #include "slam/geometry/reprojection.h"
@@ -104,6 +106,27 @@ bool linearize(const Transform& T_w_m, double size_m, const MarkerDetection& det
   return true;
 }
 
+// The same of a marker that was carried to the keyframe. variance: as in addPriors().
+LinearizedView linearizeLink(const Transform& T_w_m, const MarkerLink& link, const Transform& T_w_c,
+                             double variance) {
+  Matrix6d turn = Matrix6d::Zero();
+  turn.topLeftCorner<3, 3>() = turn.bottomRightCorner<3, 3>() = T_w_c.R;
+  LinearizedView view;
+  view.information = variance * turn * link.covariance.inverse() * turn.transpose();
+  view.gradient = view.information * (T_w_c * link.T_c_m).localCoordinates(T_w_m);
+  view.transport = rigidTransport(T_w_m.p - T_w_c.p);
+  return view;
+}
+
+// The markers that a keyframe says something about: those it sees, and those carried to it.
+std::vector<int> markersOf(const Keyframe& keyframe) {
+  std::vector<int> ids;
+  for (const MarkerDetection& detection : keyframe.detections) ids.push_back(detection.id);
+  for (const MarkerLink& link : keyframe.links) ids.push_back(link.marker);
+  sortUnique(&ids);
+  return ids;
+}
+
 // What the keyframe says of its markers when nobody knows where it was itself: A_i where i = j,
 // less A_i T_i C^-1 T_j^T A_j, C = sum T_i^T A_i T_i; and on the right side less g_i, and
 // A_i T_i C^-1 sum T_j^T g_j. (Moving the camera is moving all it sees the other way: the camera's
@@ -148,8 +171,8 @@ Task<MapMarginals> recoverMarginals(const Map& map, const MarkerOptions& markers
   for (auto it = map.keyframes().begin(); it != map.keyframes().end();) {
     const KeyframeId id = it->first;
     PatternKeyframe keyframe{id, first_is_world && it == map.keyframes().begin(), {}};
-    for (const MarkerDetection& detection : it->second.detections) {
-      const int pose = pattern.poseOf(detection.id);
+    for (const int marker : markersOf(it->second)) {
+      const int pose = pattern.poseOf(marker);
       if (pose < 0) continue;
       auto& before = neighbours[static_cast<std::size_t>(pose)];
       before.insert(before.end(), keyframe.seen.begin(), keyframe.seen.end());
@@ -166,6 +189,7 @@ Task<MapMarginals> recoverMarginals(const Map& map, const MarkerOptions& markers
   BlockSystem system;
   (void)co_await system.arrange(std::move(neighbours), /*with_globals=*/false, budget);
   const double huber = BundleOptions{}.huber * residual_sigma;  // as in the optimizations
+  const double variance = residual_sigma * residual_sigma;
   std::vector<LinearizedView> views;
   for (const PatternKeyframe& known : pattern.keyframes) {
     const auto n = static_cast<double>(known.seen.size());
@@ -173,21 +197,32 @@ Task<MapMarginals> recoverMarginals(const Map& map, const MarkerOptions& markers
     const auto found = map.keyframes().find(known.id);
     if (found == map.keyframes().end()) continue;  // has been let go meanwhile
     views.clear();
+    // -1 for one that is fixed; empty for one that the pattern does not have there.
+    const auto positionOf = [&](int marker) -> std::optional<int> {
+      if (markers.origin_marker == marker) return -1;
+      const int pose = pattern.poseOf(marker);
+      if (!std::ranges::binary_search(known.seen, pose)) return std::nullopt;
+      return system.positionOf(pose);
+    };
     for (const MarkerDetection& detection : found->second.detections) {
       const MapMarker* const marker = map.findPosed(detection.id);
-      if (marker == nullptr) continue;
-      const bool fixed = markers.origin_marker == detection.id;
-      const int pose = fixed ? -1 : pattern.poseOf(detection.id);
-      if (!fixed && !std::ranges::binary_search(known.seen, pose)) continue;
+      const auto position = positionOf(detection.id);
+      if (marker == nullptr || !position) continue;
       LinearizedView view;
-      view.position = fixed ? -1 : system.positionOf(pose);
+      view.position = *position;
       if (linearize(*marker->T_w_m, marker->size_m, detection, found->second.T_w_c, huber, &view)) {
         views.push_back(view);
       }
     }
+    for (const MarkerLink& link : found->second.links) {
+      const MapMarker* const marker = map.findPosed(link.marker);
+      const auto position = positionOf(link.marker);
+      if (marker == nullptr || !position || found->second.find(link.marker) != nullptr) continue;
+      views.push_back(linearizeLink(*marker->T_w_m, link, found->second.T_w_c, variance));
+      views.back().position = *position;
+    }
     addKeyframe(&views, known.held, &system);
   }
-  const double variance = residual_sigma * residual_sigma;
   for (std::size_t i = 0; i < pattern.unknown.size(); ++i) {
     const int id = pattern.unknown[i];
     const MapMarker* const marker = map.findPosed(id);

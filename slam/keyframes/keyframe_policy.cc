@@ -154,7 +154,8 @@ int cullKeyframes(Map* map, KeyframeId newest, const KeyframeOptions& options) {
   }
   int removed = 0;
   for (const KeyframeId id : near) {
-    if (chosen.count(id) != 0) continue;
+    // What is linked to one may hang on nothing else.
+    if (chosen.count(id) != 0 || !map->keyframes().at(id).links.empty()) continue;
     map->removeKeyframe(id);
     ++removed;
   }

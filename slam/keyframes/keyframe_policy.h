@@ -52,7 +52,7 @@ enum class KeyframeReason { kNone, kNewMarker, kMarkerResolved, kBaseline };
 
 // Section 4.6, for the neighbourhood of a new keyframe: for each marker the N_c keyframes farthest
 // from each other; of its neighbours those that no marker chose are removed. The map's first
-// keyframe (the gauge) and the new one stay. Returns how many went.
+// keyframe (the gauge), the new one and those with links stay. Returns how many went.
 int cullKeyframes(Map* map, KeyframeId newest, const KeyframeOptions& options);
 
 }  // namespace waymark::slam

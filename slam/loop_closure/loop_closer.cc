@@ -96,6 +96,21 @@ class Forest {
   std::vector<int> parent_;
 };
 
+// From a camera with a link to one that sees the marker.
+void addLinkEdges(const BundleProblem& problem, PoseGraph* graph) {
+  // Beside one marker seen together, 1: what was carried is known less well, and bends first.
+  constexpr double kLinkWeight = 0.1;
+  if (problem.links.empty()) return;
+  const std::vector<std::vector<int>> by_marker = camerasByMarker(problem);
+  for (const auto& link : problem.links) {
+    if (by_marker[at(link.marker)].empty()) continue;
+    const int seer = by_marker[at(link.marker)].front();
+    graph->edges.push_back({seer, link.camera,
+                            graph->poses[at(seer)].inverse() * graph->poses[at(link.camera)],
+                            kLinkWeight});
+  }
+}
+
 // f^c: the oldest camera that sees a marker of L(t).
 int closingCamera(const Subproblem& part, const std::vector<int>& loop_markers) {
   int oldest = static_cast<int>(part.keyframes.size()) - 1;
@@ -360,6 +375,7 @@ Task<PoseGraph> covisibilityGraph(const BundleProblem& problem, int edges_per_ke
     graph.edges.push_back({connection.a, connection.b, graph.poses[a].inverse() * graph.poses[b],
                            static_cast<double>(connection.shared)});
   }
+  addLinkEdges(problem, &graph);
   co_return graph;
 }
 

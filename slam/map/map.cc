@@ -103,9 +103,13 @@ void Map::quarantine(int marker_id) {
   MapMarker& marker = markers_.at(marker_id);
   if (marker.T_w_m) marker.former_poses.push_back(*marker.T_w_m);
   withoutPose(MarkerState::kQuarantined, &marker);
+  removeLinksTo(marker_id);
 }
 
-void Map::ban(int marker_id) { withoutPose(MarkerState::kBanned, &markers_.at(marker_id)); }
+void Map::ban(int marker_id) {
+  withoutPose(MarkerState::kBanned, &markers_.at(marker_id));
+  removeLinksTo(marker_id);
+}
 
 KeyframeId Map::addKeyframe(Keyframe keyframe) {
   keyframe.id = std::max(keyframe.id, next_keyframe_);
@@ -117,10 +121,10 @@ KeyframeId Map::addKeyframe(Keyframe keyframe) {
     views_[detection.id].push_back(keyframe.id);
   }
   const KeyframeId id = keyframe.id;
-  const std::vector<KeyframeLink> links = std::exchange(keyframe.links, {});
+  const std::vector<MarkerLink> links = std::exchange(keyframe.links, {});
   keyframes_.emplace_hint(keyframes_.end(), id, std::move(keyframe));
-  for (const KeyframeLink& link : links) {
-    if (link.to != id && keyframes_.contains(link.to)) addLink(id, link);
+  for (const MarkerLink& link : links) {
+    if (markers_.contains(link.marker)) addLink(id, link);
   }
   return id;
 }
@@ -129,24 +133,35 @@ void Map::removeKeyframe(KeyframeId id) {
   for (const MarkerDetection& detection : keyframes_.at(id).detections) {
     std::erase(views_[detection.id], id);
   }
-  for (const KeyframeLink& link : keyframes_.at(id).links) std::erase(linked_from_[link.to], id);
-  if (const auto linked = linked_from_.extract(id)) {
-    for (const KeyframeId from : linked.mapped()) {
-      std::erase_if(keyframes_.at(from).links, [&](const auto& link) { return link.to == id; });
-    }
-  }
+  for (const MarkerLink& link : keyframes_.at(id).links) std::erase(linked_from_[link.marker], id);
   keyframes_.erase(id);
 }
 
-void Map::addLink(KeyframeId id, const KeyframeLink& link) {
-  std::vector<KeyframeLink>& links = keyframes_.at(id).links;
-  const auto known = std::ranges::lower_bound(links, link.to, {}, &KeyframeLink::to);
-  if (known != links.end() && known->to == link.to) {
+void Map::addLink(KeyframeId id, const MarkerLink& link) {
+  std::vector<MarkerLink>& links = keyframes_.at(id).links;
+  const auto known = std::ranges::lower_bound(links, link.marker, {}, &MarkerLink::marker);
+  if (known != links.end() && known->marker == link.marker) {
     *known = link;
     return;
   }
   links.insert(known, link);
-  linked_from_[link.to].push_back(id);
+  std::vector<KeyframeId>& from = linked_from_[link.marker];
+  from.insert(std::ranges::upper_bound(from, id), id);
+}
+
+std::span<const KeyframeId> Map::linkedTo(int marker_id) const {
+  const auto found = linked_from_.find(marker_id);
+  if (found == linked_from_.end()) return {};
+  return found->second;
+}
+
+void Map::removeLinksTo(int marker_id) {
+  const auto from = linked_from_.extract(marker_id);
+  if (!from) return;
+  for (const KeyframeId id : from.mapped()) {
+    std::erase_if(keyframes_.at(id).links,
+                  [&](const MarkerLink& link) { return link.marker == marker_id; });
+  }
 }
 
 void Map::addView(KeyframeId id, const MarkerDetection& detection) {

@@ -45,13 +45,14 @@ struct MapMarker {
   [[nodiscard]] std::array<Eigen::Vector3d, 4> cornersInWorld() const;
 };
 
-// Where an older keyframe is as seen from this one, when something else than the markers both see
-// says so. The optimizations and the pose graph ignore links for now.
-struct KeyframeLink {
-  KeyframeId to = -1;
-  Transform T_this_to;  // the other keyframe's camera in this one's
-  // Of (dp, dtheta) of T_this_to: metres, radians, in this keyframe's camera.
-  Matrix6d covariance = Matrix6d::Zero();
+// Where a marker is as seen from a keyframe that does not show it: carried there, by natural
+// features, since it was last in view. To the optimizations it is one more view of the marker,
+// which no gate leaves out.
+struct MarkerLink {
+  int marker = -1;
+  Transform T_c_m;
+  // Of (dp, dtheta) of T_c_m: metres, radians, in the keyframe's camera. Positive definite.
+  Matrix6d covariance = Matrix6d::Identity();
 };
 
 // A frame kept for optimization, with the markers it sees (Lambda^i, Eq. 13).
@@ -63,7 +64,7 @@ struct Keyframe {
   SharedDetections detections;  // sorted by id
   // Of the camera in its own frame, metres and radians per second; 0 where nobody needs it.
   Vector6d twist = Vector6d::Zero();
-  std::vector<KeyframeLink> links{};  // sorted by `to`; the newer of two keyframes has theirs
+  std::vector<MarkerLink> links{};  // sorted by marker
 
   // Null when the keyframe does not see the marker.
   [[nodiscard]] const MarkerDetection* find(int marker_id) const;
@@ -98,7 +99,8 @@ class Map {
   // A marker as a file or another map has it, in place of what is known of it. False, and nothing
   // is done, when it is not sound.
   [[nodiscard]] bool putMarker(const MapMarker& marker);
-  // What becomes of a known marker: its state and its poses change together. Its views stay.
+  // What becomes of a known marker: its state and its poses change together. Its views stay; links
+  // to it go with its pose.
   // It hangs there: mapped.
   void place(int marker_id, const Transform& T_w_m, const std::optional<Transform>& other = {},
              const Matrix6d& covariance = Matrix6d::Zero());
@@ -112,17 +114,17 @@ class Map {
   void ban(int marker_id);
 
   // Its markers must be known. `keyframe.id` is given here, unless it is a larger one than all
-  // before it (a map read from a file). Its links to keyframes that are not in the map are left
-  // out.
+  // before it (a map read from a file). Its links to markers that are not in the map are left out.
   KeyframeId addKeyframe(Keyframe keyframe);
-  // Links to it go, too.
   void removeKeyframe(KeyframeId id);
   // Precondition: the keyframe exists.
   void setKeyframePose(KeyframeId id, const Transform& T_w_c) { keyframes_.at(id).T_w_c = T_w_c; }
   // Precondition: the keyframe exists.
   void setKeyframeTwist(KeyframeId id, const Vector6d& twist) { keyframes_.at(id).twist = twist; }
-  // In place of another one between the two. Preconditions: both exist; link.to is the older one.
-  void addLink(KeyframeId id, const KeyframeLink& link);
+  // In place of another one between the two. Preconditions: both exist.
+  void addLink(KeyframeId id, const MarkerLink& link);
+  // The keyframes with a link to the marker, oldest first.
+  [[nodiscard]] std::span<const KeyframeId> linkedTo(int marker_id) const;
   // One more detection of a keyframe. Preconditions: the keyframe exists and does not see the
   // marker yet; the marker is known.
   void addView(KeyframeId id, const MarkerDetection& detection);
@@ -130,6 +132,8 @@ class Map {
   void replaceView(KeyframeId id, const MarkerDetection& detection);
   // The marker's detections leave these keyframes; a keyframe that sees nothing any more stays.
   void removeViews(int marker_id, std::span<const KeyframeId> keyframes);
+  // Keyframes and marker stay.
+  void removeLinksTo(int marker_id);
   // Moves the whole map into another world: every T_w_x becomes T_v_w * T_w_x. Links are relative,
   // and stay as they are.
   void moveWorld(const Transform& T_v_w);
@@ -141,8 +145,8 @@ class Map {
  private:
   std::map<int, MapMarker> markers_;
   std::map<KeyframeId, Keyframe> keyframes_;
-  std::map<int, std::vector<KeyframeId>> views_;               // by marker; ascending
-  std::map<KeyframeId, std::vector<KeyframeId>> linked_from_;  // by the links' `to`
+  std::map<int, std::vector<KeyframeId>> views_;        // by marker; ascending
+  std::map<int, std::vector<KeyframeId>> linked_from_;  // by marker; ascending
   KeyframeId next_keyframe_ = 0;
   std::uint64_t epoch_ = 0;
 };

@@ -138,43 +138,50 @@ TEST(Map, TakesNoMarkerThatIsNotSound) {
   EXPECT_NE(map.findPosed(5), nullptr) << "in place of what was known";
 }
 
-KeyframeLink linkTo(KeyframeId id, double x_m = 0.0) {
-  KeyframeLink link;
-  link.to = id;
-  link.T_this_to.p.x() = x_m;
+MarkerLink linkTo(int marker, double x_m = 0.0) {
+  MarkerLink link;
+  link.marker = marker;
+  link.T_c_m.p.x() = x_m;
   return link;
 }
 
-std::vector<KeyframeId> linksOf(const Map& map, KeyframeId id) {
-  std::vector<KeyframeId> to;
-  for (const KeyframeLink& link : map.keyframes().at(id).links) to.push_back(link.to);
+std::vector<int> linksOf(const Map& map, KeyframeId id) {
+  std::vector<int> to;
+  for (const MarkerLink& link : map.keyframes().at(id).links) to.push_back(link.marker);
   return to;
+}
+
+std::vector<KeyframeId> linkedTo(const Map& map, int marker) {
+  const auto from = map.linkedTo(marker);
+  return {from.begin(), from.end()};
 }
 
 TEST(Map, LinksLiveAsLongAsBothEnds) {
   Map map = smallMap();
+  for (const int id : {1, 3}) map.place(id, Transform{});
   Keyframe bridge;
-  bridge.links = {linkTo(2), linkTo(0), linkTo(77)};
+  bridge.links = {linkTo(3), linkTo(1), linkTo(77)};
   const KeyframeId first = map.addKeyframe(bridge);
-  EXPECT_EQ(linksOf(map, first), (std::vector<KeyframeId>{0, 2})) << "there is no keyframe 77";
-  bridge.links = {linkTo(first)};
-  const KeyframeId second = map.addKeyframe(bridge);
-  map.addLink(second, linkTo(1));
-  EXPECT_EQ(linksOf(map, second), (std::vector<KeyframeId>{1, first}));
-  map.addLink(second, linkTo(1, 0.5));
-  EXPECT_EQ(linksOf(map, second).size(), 2U) << "in place of the one before";
-  EXPECT_EQ(map.keyframes().at(second).links[0].T_this_to.p.x(), 0.5);
+  EXPECT_EQ(linksOf(map, first), (std::vector<int>{1, 3})) << "there is no marker 77";
+  const KeyframeId second = map.addKeyframe({});
+  map.addLink(second, linkTo(3));
+  map.addLink(0, linkTo(3));
+  EXPECT_EQ(linkedTo(map, 3), (std::vector<KeyframeId>{0, first, second}));
+  map.addLink(second, linkTo(3, 0.5));
+  EXPECT_EQ(linksOf(map, second).size(), 1U) << "in place of the one before";
+  EXPECT_EQ(map.keyframes().at(second).links[0].T_c_m.p.x(), 0.5);
 
   Map other = map;
   EXPECT_EQ(linksOf(other, second), linksOf(map, second)) << "copies have them";
-  other.removeKeyframe(0);
-  EXPECT_EQ(linksOf(other, first), (std::vector<KeyframeId>{2}));
-  EXPECT_EQ(linksOf(map, first), (std::vector<KeyframeId>{0, 2}));
   other.removeKeyframe(first);
-  EXPECT_EQ(linksOf(other, second), (std::vector<KeyframeId>{1}));
-  other.removeKeyframe(2);  // what was linked to it has gone before
-  other.removeKeyframe(1);
+  EXPECT_EQ(linkedTo(other, 3), (std::vector<KeyframeId>{0, second}));
+  EXPECT_TRUE(linkedTo(other, 1).empty());
+  EXPECT_EQ(linkedTo(map, 3).size(), 3U);
+  other.quarantine(3);
+  EXPECT_TRUE(linkedTo(other, 3).empty()) << "it says nothing of where the marker is now";
   EXPECT_TRUE(linksOf(other, second).empty());
+  map.ban(1);
+  EXPECT_EQ(linksOf(map, first), (std::vector<int>{3}));
 }
 
 TEST(Map, KeyframeIdsEverGrow) {
@@ -238,7 +245,7 @@ TEST(Map, MoveWorldMovesEverything) {
     covariance += steps.back() * steps.back().transpose();
   }
   map.place(2, anyPose(), anyPose(), covariance);
-  map.addLink(2, {0, anyPose(), Matrix6d::Identity()});
+  map.addLink(2, {2, anyPose(), Matrix6d::Identity()});
   const Map before = map;
   const Transform T_v_w = anyPose();
   map.moveWorld(T_v_w);
@@ -263,9 +270,9 @@ TEST(Map, MoveWorldMovesEverything) {
   }
   EXPECT_LT((marker.covariance - spread).norm(), 1e-9 * spread.norm());
   EXPECT_FALSE(map.find(1)->T_w_m) << "what has no pose gets none";
-  const KeyframeLink& link = map.keyframes().at(2).links.at(0);
-  EXPECT_EQ(link.T_this_to.p, before.keyframes().at(2).links.at(0).T_this_to.p) << "is relative";
-  EXPECT_EQ(link.T_this_to.R, before.keyframes().at(2).links.at(0).T_this_to.R);
+  const MarkerLink& link = map.keyframes().at(2).links.at(0);
+  EXPECT_EQ(link.T_c_m.p, before.keyframes().at(2).links.at(0).T_c_m.p) << "is relative";
+  EXPECT_EQ(link.T_c_m.R, before.keyframes().at(2).links.at(0).T_c_m.R);
   EXPECT_EQ(link.covariance, Matrix6d::Identity());
 }
 

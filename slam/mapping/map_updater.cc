@@ -25,6 +25,7 @@ void MapUpdater::tellStartItsMotion(const TrackedFrame& frame, Map* map) {
 
 MapGrowth MapUpdater::grow(const TrackedFrame& frame, Map* map) {
   MapGrowth growth;
+  gaps_.leave();
   fitting_.assign(frame.fitting.begin(), frame.fitting.end());
   tellStartItsMotion(frame, map);
   const LoopJunction junction = loops_.closeOrJoin(*map, residualSigma(), frame, fitting_);
@@ -43,6 +44,16 @@ MapGrowth MapUpdater::grow(const TrackedFrame& frame, Map* map) {
   }
   growth.fitting = fitting_;
   return growth;
+}
+
+std::optional<int> MapUpdater::growThroughGap(CarriedFrame frame, Map* map) {
+  carried_.assign(frame.detections.begin(), frame.detections.end());
+  rolling_shutter_->deskew(camera_, *map, frame.T_w_c, frame.twist, &carried_);
+  frame.detections = carried_;
+  const auto joint = gaps_.offer(frame, *map, residualSigma());
+  if (!joint) return std::nullopt;
+  mapper_.insert(*joint, map, counters_);
+  return joint->marker.id;
 }
 
 // What the screening has noticed goes into the map, and out of the frame. True when the map

@@ -11,6 +11,7 @@
 #include "slam/loop_closure/loop_closure_manager.h"
 #include "slam/map/map.h"
 #include "slam/map/marker_options.h"
+#include "slam/mapping/gap_mapper.h"
 #include "slam/mapping/mapper.h"
 #include "slam/marker_screening/marker_screening.h"
 #include "slam/tracking/frame_tracker.h"
@@ -53,12 +54,17 @@ class MapUpdater {
         rolling_shutter_(rolling_shutter),
         counters_(counters),
         mapper_(options.markers, camera.focalLength(), options.mapper),
+        gaps_(options.markers, camera.focalLength(), options.mapper.marker_pose,
+              options.mapper.gaps),
         loops_(options.markers, options.loops, options.relocalization, camera, optimizer, local,
                screening, counters) {}
 
   // The first keyframes and markers of an empty map. Returns where the last of them is.
   Transform begin(const Start& start, Map* map);
   [[nodiscard]] MapGrowth grow(const TrackedFrame& frame, Map* map);
+  // From a frame without a pose from markers, whose detections are as they were seen. The marker
+  // that joined the map, if one did.
+  [[nodiscard]] std::optional<int> growThroughGap(CarriedFrame frame, Map* map);
   // Tracking was lost: a closure under way is of no use any more.
   void cancelLoopClosure() { loops_.cancel(); }
 
@@ -90,8 +96,10 @@ class MapUpdater {
   bool start_moves_ = false;  // nothing is known yet of how the first keyframes moved
   Counters* counters_;
   Mapper mapper_;
+  GapMapper gaps_;
   LoopClosureManager loops_;
   std::vector<MarkerDetection> fitting_;  // reused from frame to frame
+  std::vector<MarkerDetection> carried_;  // likewise
 };
 
 }  // namespace waymark::slam

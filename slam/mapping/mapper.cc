@@ -14,6 +14,7 @@ std::string MapperOptions::invalidReason() const {
   return firstReason({
       keyframes.invalidReason(),
       marker_pose.invalidReason(),
+      gaps.invalidReason(),
       local_optimization.invalidReason(),
       firstUnmet({
           {isShare(work_share), "the share of local optimization must be from 0 to 1"},
@@ -63,6 +64,12 @@ void Mapper::insert(const Keyframe& frame, Map* map, Counters* counters) {
   fixWorld(map);
   (void)cullKeyframes(map, newest, options_.keyframes);
   wanted_ = newest;
+}
+
+void Mapper::insert(const GapJoint& joint, Map* map, Counters* counters) {
+  for (const Keyframe& keyframe : joint.keyframes) insert(keyframe, map, counters);
+  pose(joint.marker.id, joint.marker.T_w_m, joint.marker.other_T_w_m, map);
+  ++counters->linked_markers;
 }
 
 // Section 4.7.

@@ -12,6 +12,7 @@
 #include "slam/keyframes/keyframe_policy.h"
 #include "slam/map/map.h"
 #include "slam/map/marker_options.h"
+#include "slam/mapping/gap_mapper.h"
 #include "slam/marker_pose/marker_resolver.h"
 #include "slam/optimization/map_optimizer.h"
 
@@ -20,6 +21,7 @@ namespace waymark::slam {
 struct MapperOptions {
   KeyframeOptions keyframes;
   MarkerResolverOptions marker_pose;
+  GapMapperOptions gaps;
   // After each keyframe. Few iterations do: the next keyframe's goes on from there.
   BundleOptions local_optimization{.max_iterations = 5, .min_relative_decrease = 1e-3};
   // The share of a frame's work (Options::work_per_frame) that local optimization may take while a
@@ -49,6 +51,8 @@ class Mapper {
                            const Map& map) const;
   // Makes the frame a keyframe. A local optimization around it is wanted then: work() does it.
   void insert(const Keyframe& frame, Map* map, Counters* counters);
+  // The same with what was carried through a gap: its marker hangs where the joint says.
+  void insert(const GapJoint& joint, Map* map, Counters* counters);
   // Section 4.5 for all markers without a pose, as sure as the whole map is of itself: what could
   // not be decided as the frames came may be with more views and better cameras.
   void resolveAll(Map* map);

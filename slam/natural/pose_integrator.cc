@@ -52,6 +52,7 @@ PoseIntegrator::PoseIntegrator(const NaturalOptions& options, const CameraModel&
 
 bool PoseIntegrator::follow(std::int64_t time_ns, const ImageView& image, const PoseEstimate& pose,
                             bool certain, std::span<const KnownMarker> markers) {
+  fused_.reset();
   if (!filter_) return true;
   advance(time_ns);
   if (running() && contradicts(pose)) {
@@ -61,20 +62,41 @@ bool PoseIntegrator::follow(std::int64_t time_ns, const ImageView& image, const 
   }
   contradictions_ = 0;
   if (isIdle(time_ns, markers.size())) filter_->reset();
-  if (!running()) {
+  const bool goes_on = running();
+  if (!goes_on) {
     bridging_ = false;
     if (!certain || static_cast<int>(markers.size()) > options_.integrator.max_markers) return true;
     start(time_ns, pose);
   }
-  (void)filter_->update(image, camera_, markers);
+  const VisualUpdate update = filter_->update(image, camera_, markers);
+  if (goes_on) fused_ = fusedPose(pose, update);
   last_seen_ns_ = time_ns;
   bridging_ = false;
   ambiguity_ratio_ = pose.ambiguity_ratio;
   return true;
 }
 
+std::optional<PoseEstimate> PoseIntegrator::fusedPose(const PoseEstimate& of_markers,
+                                                      const VisualUpdate& update) const {
+  const FilteredPose pose = filter_->pose();
+  const auto variance = [](const Matrix6d& covariance) {
+    return covariance.topLeftCorner<3, 3>().trace();
+  };
+  if (update.believed < options_.integrator.min_features || !isFinite(pose) ||
+      !(variance(pose.covariance) < variance(of_markers.view_covariance))) {
+    return std::nullopt;
+  }
+  PoseEstimate fused = of_markers;
+  fused.T_w_c = pose.T_w_c;
+  fused.covariance = fused.view_covariance = pose.covariance;
+  fused.twist = pose.twist;
+  fused.features_used = update.believed;
+  return fused;
+}
+
 std::optional<PoseEstimate> PoseIntegrator::bridge(std::int64_t time_ns, const ImageView& image) {
   bridging_ = false;
+  fused_.reset();
   advance(time_ns);
   if (!running()) return std::nullopt;
   const VisualUpdate update = filter_->update(image, camera_, {});

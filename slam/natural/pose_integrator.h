@@ -76,6 +76,9 @@ class PoseIntegrator {
   // contradict a filter that carried the pose until now: then the frame is to be bridged.
   [[nodiscard]] bool follow(std::int64_t time_ns, const ImageView& image, const PoseEstimate& pose,
                             bool certain, std::span<const KnownMarker> markers);
+  // Of the last frame, where it was follow()ed: its pose from features and markers together, in
+  // place of the markers' alone. Empty where the filter has only begun, or knows no better.
+  [[nodiscard]] const std::optional<PoseEstimate>& fused() const { return fused_; }
   // A frame without one; where the camera is, its covariances relative to the markers it came from.
   // Empty where neither features nor motion say.
   [[nodiscard]] std::optional<PoseEstimate> bridge(std::int64_t time_ns, const ImageView& image);
@@ -85,6 +88,9 @@ class PoseIntegrator {
 
  private:
   [[nodiscard]] bool running() const { return filter_ && filter_->running(); }
+  // After a frame with that pose from markers.
+  [[nodiscard]] std::optional<PoseEstimate> fusedPose(const PoseEstimate& of_markers,
+                                                      const VisualUpdate& update) const;
   // To the frame's time; gives up after a pause.
   void advance(std::int64_t time_ns);
   void start(std::int64_t time_ns, const PoseEstimate& pose);
@@ -97,6 +103,7 @@ class PoseIntegrator {
   const CameraModel& camera_;
   Counters* counters_;
   std::optional<VisualFilter> filter_;
+  std::optional<PoseEstimate> fused_;
   std::int64_t time_ns_ = 0;         // of the filter
   std::int64_t few_markers_ns_ = 0;  // the last frame with at most max_markers
   std::int64_t last_seen_ns_ = 0;    // the last frame that markers or features saw

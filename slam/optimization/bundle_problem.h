@@ -2,6 +2,7 @@
 #pragma once
 
 #include <array>
+#include <cstddef>
 #include <optional>
 #include <vector>
 
@@ -27,6 +28,15 @@ struct BundleProblem {
     Transform T_w_m;
     Matrix6d information = Matrix6d::Identity();  // 1/m^2, 1/rad^2
   };
+  // A marker as seen from a camera that does not show it (MarkerLink): (dp, dtheta) of T_c_m, in
+  // the camera's frame, has this information matrix. No camera has one to a marker that it
+  // observes.
+  struct Link {
+    int camera = 0;  // index into cameras
+    int marker = 0;  // index into markers
+    Transform T_c_m;
+    Matrix6d information = Matrix6d::Identity();  // 1/m^2, 1/rad^2
+  };
   // Intrinsics as unknowns (section 4.10), held by what the calibration says of them.
   struct Lens {
     CameraModel camera;     // the unknown, as it is now
@@ -49,8 +59,21 @@ struct BundleProblem {
   std::vector<double> marker_sizes_m;  // as many as markers
   std::vector<Observation> observations;
   std::vector<Prior> priors;
+  std::vector<Link> links;
   std::optional<Lens> lens;
   std::optional<Shutter> shutter;
+
+  // What ties cameras to markers: the observations, and behind them the links.
+  struct Tie {
+    int camera = 0;
+    int marker = 0;
+  };
+  [[nodiscard]] std::size_t ties() const { return observations.size() + links.size(); }
+  [[nodiscard]] Tie tie(std::size_t i) const {
+    if (i < observations.size()) return {observations[i].camera, observations[i].marker};
+    const Link& link = links[i - observations.size()];
+    return {link.camera, link.marker};
+  }
 
   // Unknowns that every observation depends on: intrinsics, then the readout time.
   static constexpr int kGlobals = 10;

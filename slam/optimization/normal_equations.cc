@@ -161,6 +161,37 @@ void accumulate(const BundleProblem& problem, std::size_t o, const ObservationTe
   equations->g_global.noalias() += term.J_global.transpose() * term.residual;
 }
 
+// Of (dp, dtheta) of the marker's pose, in the world: where it is less where the camera has it.
+Vector6d linkError(const BundleProblem& problem, const BundleProblem::Link& link) {
+  const Transform& T_w_c = problem.cameras[at(link.camera)].T;
+  return (T_w_c * link.T_c_m).localCoordinates(problem.markers[at(link.marker)].T);
+}
+
+Matrix6d inWorld(const Matrix6d& of_camera, const Eigen::Matrix3d& R_w_c) {
+  Matrix6d turn = Matrix6d::Zero();
+  turn.topLeftCorner<3, 3>() = turn.bottomRightCorner<3, 3>() = R_w_c;
+  return turn * of_camera * turn.transpose();
+}
+
+// To first order in the error: what moves the marker moves the error, and the camera's motion is
+// the marker's the other way round.
+void addLinks(const BundleProblem& problem, NormalEquations* equations) {
+  for (std::size_t l = 0; l < problem.links.size(); ++l) {
+    const BundleProblem::Link& link = problem.links[l];
+    const std::size_t c = at(link.camera);
+    const std::size_t m = at(link.marker);
+    const Matrix6d H = inWorld(link.information, problem.cameras[c].T.R);
+    const Vector6d g = H * linkError(problem, link);
+    const Eigen::Vector3d d = problem.markers[m].T.p - problem.cameras[c].T.p;
+    const Matrix6d KtH = transposedTimes<6>(d, H);
+    equations->H_marker[m] += H;
+    equations->g_marker[m] += g;
+    equations->H_camera[c] += transposedTimes<6>(d, KtH.transpose());
+    equations->g_camera[c] -= transposedTimes<1>(d, g);
+    equations->H_cross[problem.observations.size() + l] = -KtH;
+  }
+}
+
 Vector6d priorError(const BundleProblem& problem, const BundleProblem::Prior& prior) {
   return prior.T_w_m.localCoordinates(problem.markers[at(prior.marker)].T);
 }
@@ -194,6 +225,10 @@ double priorCost(const BundleProblem& problem) {
     const Vector6d e = priorError(problem, prior);
     cost += e.dot(prior.information * e);
   }
+  for (const auto& link : problem.links) {
+    const Vector6d e = linkError(problem, link);
+    cost += e.dot(inWorld(link.information, problem.cameras[at(link.camera)].T.R) * e);
+  }
   if (problem.hasGlobals()) {
     const GlobalVector e = globalError(problem);
     cost += e.dot(globalInformation(problem).asDiagonal() * e);
@@ -219,7 +254,7 @@ void reset(const BundleProblem& problem, NormalEquations* equations) {
   equations->g_camera.assign(problem.cameras.size(), Vector6d::Zero());
   equations->H_marker.assign(problem.markers.size(), Matrix6d::Zero());
   equations->g_marker.assign(problem.markers.size(), Vector6d::Zero());
-  equations->H_cross.resize(problem.observations.size());  // each is set as a whole
+  equations->H_cross.resize(problem.ties());  // each is set as a whole
   if (problem.hasGlobals()) {
     equations->H_camera_global.assign(problem.cameras.size(), PoseGlobalMatrix::Zero());
     equations->H_marker_global.assign(problem.markers.size(), PoseGlobalMatrix::Zero());
@@ -289,6 +324,7 @@ Task<bool> linearize(const BundleProblem& problem, const std::vector<WhitenedCor
   }
   equations->cost += priorCost(problem);
   addPriors(problem, equations);
+  addLinks(problem, equations);
   co_return true;
 }
 

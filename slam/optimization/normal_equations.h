@@ -12,12 +12,12 @@ namespace waymark::slam {
 // Of each observation: of normalized coordinates, or of pixels when the lens is an unknown.
 Task<std::vector<WhitenedCorners>> whitenCorners(const BundleProblem& problem, Budget* budget);
 
-// One 6x6 block per camera, per marker, and per observation between them; and the globals' at the
+// One 6x6 block per camera, per marker, and per tie between them; and the globals' at the
 // end, where there are any.
 struct NormalEquations {
   std::vector<Matrix6d> H_camera, H_marker;
   std::vector<Vector6d> g_camera, g_marker;
-  std::vector<Matrix6d> H_cross;  // camera rows, marker columns; by observation
+  std::vector<Matrix6d> H_cross;  // camera rows, marker columns; by tie
   std::vector<PoseGlobalMatrix> H_camera_global, H_marker_global;  // empty without globals
   GlobalMatrix H_global = GlobalMatrix::Zero();
   GlobalVector g_global = GlobalVector::Zero();

@@ -88,9 +88,9 @@ Eigen::MatrixXd wholeMatrix(const BundleProblem& problem, const NormalEquations&
     const auto& H_global = camera ? equations.H_camera_global : equations.H_marker_global;
     add(6 * i, size - 9, H_global[at].leftCols<9>());
   }
-  for (std::size_t o = 0; o < problem.observations.size(); ++o) {
-    const auto& observation = problem.observations[o];
-    add(6 * observation.camera, 6 * (cameras + observation.marker), equations.H_cross[o]);
+  for (std::size_t o = 0; o < problem.ties(); ++o) {
+    const auto [camera, marker] = problem.tie(o);
+    add(6 * camera, 6 * (cameras + marker), equations.H_cross[o]);
   }
   if (problem.lens) add(size - 9, size - 9, equations.H_global.topLeftCorner<9, 9>());
   return H;
@@ -100,6 +100,37 @@ Eigen::MatrixXd wholeMatrix(const BundleProblem& problem, const NormalEquations&
 double stepOf(const BundleProblem& problem, int unknown) {
   const int lens = unknown - (unknowns(problem) - 9);
   return problem.lens && lens >= 0 && lens < 4 ? 1e-4 : 1e-6;
+}
+
+// Cameras and markers that only links tie, a little off: to first order in that, the gradient is
+// that of the cost.
+TEST(NormalEquations, TheGradientOfLinksMatchesFiniteDifferences) {
+  std::mt19937 rng(3);
+  BundleProblem problem;
+  for (int i = 0; i < 2; ++i) {
+    problem.cameras.push_back({testing::disturbed(Transform{}, 0.8, &rng), false});
+    problem.markers.push_back({testing::disturbed(Transform{}, 0.8, &rng), false});
+    problem.marker_sizes_m.push_back(0.1);
+  }
+  for (const auto& [camera, marker] : {std::pair{0, 0}, std::pair{0, 1}, std::pair{1, 1}}) {
+    const Transform T_c_m = problem.cameras[static_cast<std::size_t>(camera)].T.inverse() *
+                            problem.markers[static_cast<std::size_t>(marker)].T;
+    Matrix6d information = 1e4 * Matrix6d::Identity();
+    information(0, 4) = information(4, 0) = 3e3;
+    information(2, 2) = 5e4;
+    problem.links.push_back({camera, marker, testing::disturbed(T_c_m, 1e-3, &rng), information});
+  }
+  const NormalEquations equations = linearized(problem, {}, 1.0);
+  const Eigen::VectorXd g = wholeGradient(problem, equations);
+  const Eigen::MatrixXd H = wholeMatrix(problem, equations);
+  for (int i = 0; i < g.size(); ++i) {
+    double up = 0.0;
+    double down = 0.0;
+    ASSERT_TRUE(robustCost(moved(problem, i, 1e-6), {}, 1.0, &up));
+    ASSERT_TRUE(robustCost(moved(problem, i, -1e-6), {}, 1.0, &down));
+    const double unit = std::sqrt(H(i, i) * equations.cost);
+    EXPECT_NEAR((up - down) / 4e-6, g[i], 5e-3 * unit) << "unknown " << i;
+  }
 }
 
 // Priors of all kinds, some corners beyond the kernel, with and without a lens: the gradient is

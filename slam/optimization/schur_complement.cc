@@ -29,10 +29,10 @@ Task<Done> SchurComplement::arrange(const BundleProblem& problem, Budget* budget
   cameras_go_ = problem.cameras.size() >= problem.markers.size();
   const auto& gone = cameras_go_ ? problem.cameras : problem.markers;
   const auto& kept = cameras_go_ ? problem.markers : problem.cameras;
-  const auto goneOf = [this](const BundleProblem::Observation& o) {
+  const auto goneOf = [this](const BundleProblem::Tie& o) {
     return at(cameras_go_ ? o.camera : o.marker);
   };
-  const auto keptOf = [this](const BundleProblem::Observation& o) {
+  const auto keptOf = [this](const BundleProblem::Tie& o) {
     return at(cameras_go_ ? o.marker : o.camera);
   };
 
@@ -44,19 +44,19 @@ Task<Done> SchurComplement::arrange(const BundleProblem& problem, Budget* budget
   }
   goes_.assign(gone.size(), false);
   std::vector<std::vector<std::size_t>> seen(gone.size());
-  for (std::size_t o = 0; o < problem.observations.size(); ++o) {
-    const std::size_t e = goneOf(problem.observations[o]);
+  for (std::size_t o = 0; o < problem.ties(); ++o) {
+    const std::size_t e = goneOf(problem.tie(o));
     if (gone[e].fixed) continue;
     goes_[e] = true;
-    if (index[keptOf(problem.observations[o])] >= 0) seen[e].push_back(o);
+    if (index[keptOf(problem.tie(o))] >= 0) seen[e].push_back(o);
   }
   std::vector<std::vector<int>> neighbours(at(unknowns));
   for (const auto& views : seen) {
     co_await budget->spend(kPose + 0.1 * kViewPair * pairs(views.size()));
     for (const std::size_t a : views) {
-      const int i = index[keptOf(problem.observations[a])];
+      const int i = index[keptOf(problem.tie(a))];
       for (const std::size_t b : views) {
-        const int j = index[keptOf(problem.observations[b])];
+        const int j = index[keptOf(problem.tie(b))];
         if (j < i) neighbours[at(i)].push_back(j);
       }
     }
@@ -71,8 +71,8 @@ Task<Done> SchurComplement::arrange(const BundleProblem& problem, Budget* budget
   first_place_.clear();
   views_.clear();
   places_.clear();
-  views_.reserve(problem.observations.size());
-  const auto positionOf = [&](std::size_t o) { return position_[keptOf(problem.observations[o])]; };
+  views_.reserve(problem.ties());
+  const auto positionOf = [&](std::size_t o) { return position_[keptOf(problem.tie(o))]; };
   for (auto& observations : seen) {
     co_await budget->spend(kPose + 0.5 * kViewPair * pairs(observations.size()));
     first_view_.push_back(views_.size());
@@ -158,7 +158,7 @@ bool SchurComplement::eliminate(std::size_t gone, const BundleProblem& problem,
   for (std::size_t v = first_view_[gone]; v < end; ++v) {
     const View& view = views_[v];
     Matrix6d& Z = Z_[v];
-    const Matrix6d& cross = equations.H_cross[view.observation];
+    const Matrix6d& cross = equations.H_cross[view.tie];
     Z = cameras_go_ ? Matrix6d(cross.transpose()) : cross;
     divideByTransposed(L, &Z);
     reduced_.right(view.position).noalias() += Z * right;

@@ -20,7 +20,7 @@ struct BundleStep {
 
 class SchurComplement {
  public:
-  // For problems with these observations and fixed poses.
+  // For problems with these ties and fixed poses.
   Task<Done> arrange(const BundleProblem& problem, Budget* budget);
 
   // Solves the damped equations; false when they are singular.
@@ -32,7 +32,7 @@ class SchurComplement {
 
  private:
   struct View {
-    std::size_t observation = 0;
+    std::size_t tie = 0;
     int position = 0;  // of the kept pose, in the reduced system
   };
   static std::size_t at(int index) { return static_cast<std::size_t>(index); }

@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <utility>
 
+#include <Eigen/LU>
+
 #include "base/sorted.h"
 
 namespace waymark::slam {
@@ -36,11 +38,21 @@ void addKeyframes(const Map& map, std::span<const SubproblemMembers::Role> roles
   const KeyframeId first = map.keyframes().empty() ? -1 : map.keyframes().begin()->first;
   for (const auto& [id, held] : roles) {
     const Keyframe& keyframe = map.keyframes().at(id);
-    const bool sees_some = std::ranges::any_of(
-        keyframe.detections, [&](const auto& seen) { return part->markerIndex(seen.id) >= 0; });
+    const auto takesPart = [&](int marker) { return part->markerIndex(marker) >= 0; };
+    const bool sees_some =
+        std::ranges::any_of(keyframe.detections, takesPart, &MarkerDetection::id) ||
+        std::ranges::any_of(keyframe.links, takesPart, &MarkerLink::marker);
     if (!sees_some) continue;
     part->problem.cameras.push_back({keyframe.T_w_c, held || (first_is_world && id == first)});
     part->keyframes.push_back(id);
+  }
+}
+
+void addLinks(const Keyframe& keyframe, int camera, Subproblem* part) {
+  for (const MarkerLink& link : keyframe.links) {
+    const int marker = part->markerIndex(link.marker);
+    if (marker < 0 || keyframe.find(link.marker) != nullptr) continue;
+    part->problem.links.push_back({camera, marker, link.T_c_m, link.covariance.inverse()});
   }
 }
 
@@ -64,6 +76,11 @@ SubproblemMembers localMap(const Map& map, KeyframeId keyframe) {
   const std::vector<KeyframeId> near = map.neighbours(keyframe);
   SubproblemMembers roles;
   roles.markers = map.markersSeenFrom(near);
+  for (const KeyframeId id : near) {
+    for (const MarkerLink& link : map.keyframes().at(id).links)
+      roles.markers.push_back(link.marker);
+  }
+  sortUnique(&roles.markers);
   std::vector<KeyframeId> views;
   for (const int id : roles.markers) {
     if (map.findPosed(id) == nullptr) continue;
@@ -106,7 +123,9 @@ Task<Subproblem> buildSubproblem(const Map& map, SubproblemMembers roles,
       if (marker < 0) continue;
       part.problem.observations.push_back({static_cast<int>(c), marker, &detection});
     }
-    co_await budget->spend(kTakeView * static_cast<double>(views.size()));
+    addLinks(found->second, static_cast<int>(c), &part);
+    co_await budget->spend(kTakeView *
+                           static_cast<double>(views.size() + found->second.links.size()));
   }
   co_return part;
 }

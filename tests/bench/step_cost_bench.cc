@@ -115,7 +115,8 @@ struct Views {
   void freeGlobals() {
     const slam::IntrinsicVector expected = camera.intrinsics();
     problem.lens = {camera, camera, expected, slam::IntrinsicVector::Constant(1e-3)};
-    BundleProblem::Shutter& shutter = problem.shutter.emplace();
+    problem.shutter = BundleProblem::Shutter{};
+    BundleProblem::Shutter& shutter = *problem.shutter;
     shutter.motion.resize(problem.observations.size());
     for (auto& motion : shutter.motion) motion.fill(Eigen::Vector2d(0.1, 0.2));
   }

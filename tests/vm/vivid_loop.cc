@@ -214,11 +214,11 @@ Status VividLoop::prepare(PixelFormat format) {
                     "input_types=3", "num_outputs=1", "output_types=1", "multiplanar=1"});
     if (loaded.exit_code != 0) return Error{"modprobe vivid: " + loaded.err};
   }
-  if (const Status found = findNodes(); !found) return found;
-  if (const Status set = setTimings(output_); !set) return set;
-  if (const Status set = setOutputFormat(output_, format); !set) return set;
-  if (const Status set = setControl(capture_, "OSD Text Mode", 2); !set) return set;
-  if (const Status set = setControl(capture_, "Loop Video", 1); !set) return set;
+  if (Status found = findNodes(); !found) return found;
+  if (Status set = setTimings(output_); !set) return set;
+  if (Status set = setOutputFormat(output_, format); !set) return set;
+  if (Status set = setControl(capture_, "OSD Text Mode", 2); !set) return set;
+  if (Status set = setControl(capture_, "Loop Video", 1); !set) return set;
   // Last: before this, the camera has another size, and nobody begins to read.
   return setTimings(capture_);
 }

@@ -43,8 +43,9 @@ TEST(Board, CharucoIsLaidOutAsOpenCvDrawsIt) {
     for (const BoardPoint& point : board_view->points) {
       const auto index = static_cast<int>(point.index);
       // Pixels count from centres: the corner of four pixels lies between them.
+      const int row = index / (columns - 1);
       const Eigen::Vector2d expected((index % (columns - 1) + 2) * kSquare_px - 0.5,
-                                     (index / (columns - 1) + 2) * kSquare_px - 0.5);
+                                     (row + 2) * kSquare_px - 0.5);
       EXPECT_LT((point.pixel - expected).norm(), 0.02) << index;
     }
   }

@@ -149,8 +149,9 @@ TEST(Calibrator, ViewsThatCannotSayAreRejected) {
   std::vector<slam::Transform> flat;
   std::vector<slam::Transform> one_place;
   for (int i = 0; i < 12; ++i) {
-    flat.push_back(testing::boardAt(camera, {140.0 + 120.0 * (i % 4), 120.0 + 110.0 * (i / 4)},
-                                    0.45, 0.0, 0.0, 0.1 * i));
+    const int row = i / 4;
+    flat.push_back(testing::boardAt(camera, {140.0 + 120.0 * (i % 4), 120.0 + 110.0 * row}, 0.45,
+                                    0.0, 0.0, 0.1 * i));
     one_place.push_back(testing::boardAt(camera, {150.0, 150.0}, 0.6, 0.5 * std::cos(i),
                                          0.5 * std::sin(i), 0.5 * i));
   }

@@ -31,8 +31,9 @@ cv::Mat crossing(const Edges& edges, double blur_px, double noise, unsigned seed
     for (int x = 0; x < kSize; ++x) {
       int white = 0;
       for (int s = 0; s < kSamples * kSamples; ++s) {
+        const int row = s / kSamples;
         const Eigen::Vector2d point(x - 0.5 + (s % kSamples + 0.5) / kSamples,
-                                    y - 0.5 + (s / kSamples + 0.5) / kSamples);
+                                    y - 0.5 + (row + 0.5) / kSamples);
         const Eigen::Vector2d offset = point - edges.at;
         if ((a.dot(offset) > 0.0) == (b.dot(offset) > 0.0)) ++white;
       }

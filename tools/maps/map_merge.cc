@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <map>
 #include <optional>
 #include <utility>
 
@@ -126,7 +125,10 @@ Result<MergeReport> alignMaps(const slam::Map& a, const slam::Map& b, const Merg
   return report;
 }
 
-void dropViews(int id, slam::Map* map) { map->removeViews(id, map->viewsOf(id)); }
+void dropViews(int id, slam::Map* map) {
+  map->removeViews(id, map->viewsOf(id));
+  map->removeLinksTo(id);
+}
 
 // Whose views of a marker are worth keeping, and whose idea of it.
 void mergeMarker(const slam::MapMarker& theirs, const std::vector<int>& disagreeing,
@@ -151,14 +153,14 @@ void mergeMarker(const slam::MapMarker& theirs, const std::vector<int>& disagree
 
 // Behind ours, under new numbers. One that says nothing is left out.
 void addKeyframes(const slam::Map& theirs, slam::Map* ours) {
-  std::map<slam::KeyframeId, slam::KeyframeId> ours_of;
   for (const auto& [id, keyframe] : theirs.keyframes()) {
     slam::Keyframe renumbered = keyframe;
     renumbered.id = -1;
-    std::erase_if(renumbered.links, [&](const auto& link) { return !ours_of.contains(link.to); });
-    for (slam::KeyframeLink& link : renumbered.links) link.to = ours_of.at(link.to);
-    if (renumbered.detections.empty() && renumbered.links.empty()) continue;
-    ours_of[id] = ours->addKeyframe(std::move(renumbered));
+    std::erase_if(renumbered.links, [&](const slam::MarkerLink& link) {
+      return ours->findPosed(link.marker) == nullptr;
+    });
+    if (renumbered.detections.empty()) continue;
+    (void)ours->addKeyframe(std::move(renumbered));
   }
 }
 

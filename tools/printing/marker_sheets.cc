@@ -85,7 +85,8 @@ PdfPage sheet(const slam::Dictionary& dictionary, const std::vector<int>& ids, c
   for (std::size_t i = 0; i < ids.size(); ++i) {
     const auto columns = static_cast<std::size_t>(t.columns);
     const double left = area.left + static_cast<double>(i % columns) * t.width_mm + t.quiet_mm;
-    const double top = area.top + static_cast<double>(i / columns) * t.height_mm + t.quiet_mm;
+    const std::size_t row = i / columns;
+    const double top = area.top + static_cast<double>(row) * t.height_mm + t.quiet_mm;
     drawMarker(dictionary, ids[i], left, top, t.side_mm, &page.black);
     addCaption(dictionary, ids[i], t, left, top + t.side_mm + t.quiet_mm + 0.72 * t.text_mm, &page);
   }

@@ -82,7 +82,8 @@ class Photographer {
         int black = 0;
         for (int s = 0; s < kSamples * kSamples; ++s) {
           const double a = (s % kSamples + 0.5) / kSamples;
-          const double b = (s / kSamples + 0.5) / kSamples;
+          const int row = s / kSamples;
+          const double b = (row + 0.5) / kSamples;
           const Eigen::Vector2d ray = (1 - b) * ((1 - a) * at(x, y) + a * at(x + 1, y)) +
                                       b * ((1 - a) * at(x, y + 1) + a * at(x + 1, y + 1));
           const Eigen::Vector3d p = to_board * ray.homogeneous();

@@ -1,0 +1,116 @@
+#include "slam/mapping/gap_mapper.h"
+
+#include <algorithm>
+#include <utility>
+
+#include <Eigen/Cholesky>
+
+#include "slam/covariance/marginals.h"
+#include "slam/option_checks.h"
+
+namespace waymark::slam {
+namespace {
+
+// Seen, and neither placed nor found to be untrustworthy.
+bool isNew(const Map& map, int id) {
+  const MapMarker* const marker = map.find(id);
+  return marker == nullptr || marker->state == MarkerState::kUnresolved;
+}
+
+}  // namespace
+
+std::string GapMapperOptions::invalidReason() const {
+  return firstUnmet({
+      {isPositive(min_baseline_per_distance), "the baseline of carried views must be positive"},
+      {views >= 3, "a new marker needs at least 3 carried views"},
+      {isPositive(out_of_sight_s), "the time until a marker is out of sight must be positive"},
+      {isPositive(max_pause_s), "the pause between carried views must be positive"},
+  });
+}
+
+std::optional<MarkerLink> linkTo(int marker, const Transform& T_w_m, const Transform& T_w_c,
+                                 const Matrix6d& covariance) {
+  // The camera's error is the marker's, seen from the camera, the other way round.
+  const Matrix6d T = rigidTransport(T_w_m.p - T_w_c.p);
+  Matrix6d turn = Matrix6d::Zero();
+  turn.topLeftCorner<3, 3>() = turn.bottomRightCorner<3, 3>() = T_w_c.R.transpose();
+  const Matrix6d J = turn * T;
+  MarkerLink link{marker, T_w_c.inverse() * T_w_m, J * covariance * J.transpose()};
+  link.covariance = (0.5 * (link.covariance + link.covariance.transpose())).eval();
+  if (!link.covariance.allFinite() || link.covariance.llt().info() != Eigen::Success) {
+    return std::nullopt;
+  }
+  return link;
+}
+
+std::optional<GapJoint> GapMapper::offer(const CarriedFrame& frame, const Map& map,
+                                         double residual_sigma) {
+  const auto passed_s = [&](const Sighting& sighting) {
+    return 1e-9 * static_cast<double>(frame.time.monotonic_ns - sighting.last_seen_ns);
+  };
+  std::erase_if(sightings_,
+                [&](const auto& entry) { return passed_s(entry.second) > options_.max_pause_s; });
+  look(frame, map);
+  for (const auto& [id, sighting] : sightings_) {
+    const MapMarker* const anchor = map.findPosed(sighting.anchor);
+    const bool enough =
+        sighting.views.size() >= options_.views || passed_s(sighting) > options_.out_of_sight_s;
+    if (anchor == nullptr || !enough) continue;
+    auto joint = decide(sighting, *anchor, residual_sigma);
+    if (!joint) continue;
+    sightings_.erase(id);
+    return joint;
+  }
+  return std::nullopt;
+}
+
+void GapMapper::look(const CarriedFrame& frame, const Map& map) {
+  for (const MarkerDetection& detection : frame.detections) {
+    if (!isNew(map, detection.id)) continue;
+    Sighting& sighting = sightings_[detection.id];
+    if (sighting.anchor != frame.anchor) sighting = {{}, frame.anchor, 0};
+    sighting.last_seen_ns = frame.time.monotonic_ns;
+    std::vector<View>& views = sighting.views;
+    if (!views.empty() && !isAnotherView(views.back(), detection, frame.T_w_c)) continue;
+    if (views.size() == options_.views) views.erase(views.begin());
+    views.push_back({detection, frame.time, frame.T_w_c, frame.covariance, frame.twist});
+  }
+}
+
+bool GapMapper::isAnotherView(const View& last, const MarkerDetection& detection,
+                              const Transform& T_w_c) const {
+  // A square of that side is about so wide at a distance of 1 m.
+  double side = 0.0;
+  for (std::size_t k = 0; k < 4; ++k) {
+    side = std::max(side, (detection.normalized[(k + 1) % 4] - detection.normalized[k]).norm());
+  }
+  const double distance_m = markers_.sizeOf(detection.id) / side;
+  return (T_w_c.p - last.T_w_c.p).norm() >= options_.min_baseline_per_distance * distance_m;
+}
+
+std::optional<GapJoint> GapMapper::decide(const Sighting& sighting, const MapMarker& anchor,
+                                          double residual_sigma) const {
+  const int id = sighting.views.front().detection.id;
+  std::vector<MarkerView> seen;
+  seen.reserve(sighting.views.size());
+  for (const View& view : sighting.views) seen.push_back({&view.detection, view.T_w_c});
+  const MarkerResolution found =
+      resolveMarkerPose(seen, markers_.sizeOf(id), focal_px_, residual_sigma, resolver_);
+  if (found.verdict != ResolverVerdict::kResolved) return std::nullopt;
+  GapJoint joint;
+  joint.marker = {id, found.T_w_m, found.other_T_w_m};
+  const auto links = static_cast<double>(sighting.views.size());
+  for (const View& view : sighting.views) {
+    const auto link = linkTo(anchor.id, *anchor.T_w_m, view.T_w_c, links * view.covariance);
+    if (!link) return std::nullopt;
+    joint.keyframes.push_back({.sequence = view.time.sequence,
+                               .monotonic_ns = view.time.monotonic_ns,
+                               .T_w_c = view.T_w_c,
+                               .detections = {view.detection},
+                               .twist = view.twist,
+                               .links = {*link}});
+  }
+  return joint;
+}
+
+}  // namespace waymark::slam

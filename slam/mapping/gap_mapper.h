@@ -1,0 +1,110 @@
+// Markers that come into view while natural features carry the pose (seed 2, section 3.3): they
+// join the map with what was carried. A marker without a pose in the map is looked at from several
+// carried poses until these decide between its two and know its place; then they become keyframes,
+// each with a link to the marker that the carried poses are relative to.
+//
+// The poses of a stretch share their drift: n links of one stretch have n times the covariance, so
+// that together they say what one of them knows.
+#pragma once
+
+#include <cstddef>
+#include <map>
+#include <optional>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "slam/frame_time.h"
+#include "slam/geometry/twist.h"
+#include "slam/map/map.h"
+#include "slam/map/marker_options.h"
+#include "slam/marker_pose/marker_resolver.h"
+
+namespace waymark::slam {
+
+struct GapMapperOptions {
+  // From so far apart, as a share of the distance to the marker, two carried frames are two views
+  // of it: nearer ones say the same once more.
+  double min_baseline_per_distance = 0.04;
+  // Views of a marker after which it joins the map as soon as its pose is decided. Before, it joins
+  // when it goes out of sight. More know its place better; over more of them the carried poses
+  // drift, and the frames until then are bridged.
+  std::size_t views = 6;
+  // So long, seconds, a marker has not been seen when it is out of sight.
+  double out_of_sight_s = 0.2;
+  // Views that are further apart in time than this, seconds, are not of one stretch.
+  double max_pause_s = 1.0;
+
+  // Empty when usable, else what is wrong.
+  [[nodiscard]] std::string invalidReason() const;
+};
+
+// A frame whose pose was carried by natural features.
+struct CarriedFrame {
+  FrameTime time;
+  std::span<const MarkerDetection> detections;  // as at the middle row's time
+  Transform T_w_c;
+  // Of (dp, dtheta) of T_w_c, relative to the anchor: metres, radians, world frame.
+  Matrix6d covariance = Matrix6d::Zero();
+  Twist twist = Twist::Zero();
+  int anchor = -1;  // the marker that the pose is relative to
+};
+
+// What takes a marker into the map.
+struct GapJoint {
+  struct Marker {
+    int id = -1;
+    Transform T_w_m;
+    std::optional<Transform> other_T_w_m;
+  };
+  std::vector<Keyframe> keyframes;  // oldest first, with their links
+  Marker marker;
+};
+
+class GapMapper {
+ public:
+  // focal_px: for the ambiguity of squares. The options must outlive it.
+  GapMapper(const MarkerOptions& markers, double focal_px, const MarkerResolverOptions& resolver,
+            const GapMapperOptions& options)
+      : markers_(markers), focal_px_(focal_px), resolver_(resolver), options_(options) {}
+
+  // A carried frame; what it decides, one marker at a time. Empty as long as no new marker's pose
+  // is decided, or where the anchor has no pose any more. residual_sigma: of the map's whitened
+  // residuals.
+  [[nodiscard]] std::optional<GapJoint> offer(const CarriedFrame& frame, const Map& map,
+                                              double residual_sigma);
+  // The stretch is over: what was seen in it does not belong to the next one.
+  void leave() { sightings_.clear(); }
+
+ private:
+  struct View {
+    MarkerDetection detection;
+    FrameTime time;
+    Transform T_w_c;
+    Matrix6d covariance = Matrix6d::Zero();
+    Twist twist = Twist::Zero();
+  };
+  struct Sighting {
+    std::vector<View> views;  // oldest first
+    int anchor = -1;
+    std::int64_t last_seen_ns = 0;
+  };
+  // The new markers among the detections, from here.
+  void look(const CarriedFrame& frame, const Map& map);
+  [[nodiscard]] bool isAnotherView(const View& last, const MarkerDetection& detection,
+                                   const Transform& T_w_c) const;
+  [[nodiscard]] std::optional<GapJoint> decide(const Sighting& sighting, const MapMarker& anchor,
+                                               double residual_sigma) const;
+
+  const MarkerOptions& markers_;
+  double focal_px_;
+  const MarkerResolverOptions& resolver_;
+  const GapMapperOptions& options_;
+  std::map<int, Sighting> sightings_;  // by marker
+};
+
+// A marker as seen from a carried frame that does not show it. Empty where the covariance is none.
+[[nodiscard]] std::optional<MarkerLink> linkTo(int marker, const Transform& T_w_m,
+                                               const Transform& T_w_c, const Matrix6d& covariance);
+
+}  // namespace waymark::slam
