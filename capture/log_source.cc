@@ -201,9 +201,8 @@ Result<std::unique_ptr<FrameSource>> openLog(const std::filesystem::path& file,
   if (!info) return info.error();
   Result<eventlog::LogReader> reader = eventlog::LogReader::open(file);
   if (!reader) return reader.error();
-  return std::unique_ptr<FrameSource>(
-      std::make_unique<LogSource>(file, std::move(reader).value(), std::move(info).value(), fps,
-                                  keep_jpeg, buffers));
+  return std::unique_ptr<FrameSource>(std::make_unique<LogSource>(
+      file, std::move(reader).value(), std::move(info).value(), fps, keep_jpeg, buffers));
 }
 
 }  // namespace waymark::capture
