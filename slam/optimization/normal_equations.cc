@@ -8,6 +8,7 @@
 #include <Eigen/Cholesky>
 
 #include "slam/geometry/robust.h"
+#include "slam/optimization/block_kernels.h"
 
 namespace waymark::slam {
 namespace {
@@ -121,18 +122,7 @@ bool differentiate(const BundleProblem& problem, std::size_t o, const WhitenedCo
   return true;
 }
 
-// By the camera's pose: J_camera = -J_marker K with K = [I, -skew(d); 0, I], where d is from the
-// camera to the marker. Returns K^T X.
-template <int Columns>
-Eigen::Matrix<double, 6, Columns> transposedTimes(const Eigen::Vector3d& d,
-                                                  const Eigen::Matrix<double, 6, Columns>& X) {
-  Eigen::Matrix<double, 6, Columns> result = X;
-  for (int j = 0; j < Columns; ++j) {
-    result.template block<3, 1>(3, j) += d.cross(X.template block<3, 1>(0, j));
-  }
-  return result;
-}
-
+// By the camera's pose: J_camera = -J_marker K, with the K of transposedTransport.
 void accumulate(const BundleProblem& problem, std::size_t o, const ObservationTerm& term,
                 NormalEquations* equations) {
   const auto& observation = problem.observations[o];
@@ -147,16 +137,16 @@ void accumulate(const BundleProblem& problem, std::size_t o, const ObservationTe
   Vector6d g;
   for (int i = 0; i < 6; ++i) g[i] = term.J_marker.col(i).dot(term.residual);
   const Eigen::Vector3d d = problem.markers[m].T.p - problem.cameras[c].T.p;
-  const Matrix6d KtH = transposedTimes<6>(d, H);
+  const Matrix6d KtH = transposedTransport<6>(d, H);
   equations->H_marker[m] += H;
   equations->g_marker[m] += g;
-  equations->H_camera[c] += transposedTimes<6>(d, KtH.transpose());
-  equations->g_camera[c] -= transposedTimes<1>(d, g);
+  equations->H_camera[c] += transposedTransport<6>(d, KtH.transpose());
+  equations->g_camera[c] -= transposedTransport<1>(d, g);
   equations->H_cross[o] = -KtH;
   if (!problem.hasGlobals()) return;
   const PoseGlobalMatrix G = term.J_marker.transpose() * term.J_global;
   equations->H_marker_global[m] += G;
-  equations->H_camera_global[c] -= transposedTimes<BundleProblem::kGlobals>(d, G);
+  equations->H_camera_global[c] -= transposedTransport<BundleProblem::kGlobals>(d, G);
   equations->H_global.noalias() += term.J_global.transpose() * term.J_global;
   equations->g_global.noalias() += term.J_global.transpose() * term.residual;
 }
