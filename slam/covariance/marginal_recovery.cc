@@ -4,10 +4,10 @@
 #include <utility>
 #include <vector>
 
-#include <Eigen/LU>
+#include <Eigen/Core>
 
 #include "base/sorted.h"
-#include "slam/covariance/corner_sums.h"
+#include "slam/covariance/corner_rows.h"
 #include "slam/geometry/reprojection.h"
 #include "slam/geometry/robust.h"
 #include "slam/geometry/small_cholesky.h"
@@ -91,18 +91,20 @@ struct LinearizedView {
 bool linearize(const Transform& T_w_m, double size_m, const MarkerDetection& detection,
                const Transform& T_w_c, double huber, LinearizedView* view) {
   const auto corners_m = markerCorners(size_m);
+  CornerRows rows;
+  Eigen::Matrix<double, 8, 1> residuals;
   for (std::size_t k = 0; k < 4; ++k) {
     const Eigen::Vector3d arm = T_w_m.R.leftCols<2>() * corners_m[k].head<2>();
     Projection projection;
     if (!projectPoint(T_w_c, T_w_m.p + arm, &projection)) return false;
-    const Eigen::Matrix2d W = detection.covariance[k].inverse();
-    const Eigen::Vector2d r = projection.normalized - detection.normalized[k];
-    const Eigen::Vector2d Wr = W * r;
-    addSquare(projection.J_point, arm, W, &view->information);
-    view->gradient +=
-        huberWeight(r.dot(Wr), huber) * transposedJacobianTimes(projection.J_point, arm, Wr);
+    const Eigen::Matrix2d W = whitening(detection.covariance[k]);
+    const Eigen::Vector2d r = W * (projection.normalized - detection.normalized[k]);
+    rows.set(k, W * projection.J_point, arm);
+    residuals.segment<2>(static_cast<Eigen::Index>(2 * k)) =
+        huberWeight(r.squaredNorm(), huber) * r;
   }
-  mirror(&view->information);
+  view->information = rows.square();
+  view->gradient = rows.times(residuals);
   view->d_w = T_w_m.p - T_w_c.p;
   return true;
 }

@@ -1,6 +1,8 @@
 // Steps of a Cholesky factorization by 6x6 blocks beside those of small_cholesky.h.
 #pragma once
 
+#include <cstddef>
+
 #include "slam/geometry/transform.h"
 
 namespace waymark::slam {
@@ -14,13 +16,19 @@ inline void divideByTransposed(const Matrix6d& L, Matrix6d* B) {
   }
 }
 
+// C becomes C - A X, of 6x6 matrices by columns; X(k, j) = B[k next_k + j next_j]. In
+// block_system.cc.
+void subtractScaledColumns(const double* A, const double* B, std::ptrdiff_t next_k,
+                           std::ptrdiff_t next_j, double* C);
+
 // C becomes C - A B^T.
 inline void subtractProduct(const Matrix6d& A, const Matrix6d& B, Matrix6d* C) {
-  for (int j = 0; j < 6; ++j) {
-    Vector6d column = C->col(j);
-    for (int k = 0; k < 6; ++k) column -= B(j, k) * A.col(k);
-    C->col(j) = column;
-  }
+  subtractScaledColumns(A.data(), B.data(), 6, 1, C->data());
+}
+
+// C becomes C - A B.
+inline void subtractPlainProduct(const Matrix6d& A, const Matrix6d& B, Matrix6d* C) {
+  subtractScaledColumns(A.data(), B.data(), 1, 6, C->data());
 }
 
 // K^T X with K = [I, -skew(d); 0, I]: what (dp, dtheta) of a rigid body at one of its points is at

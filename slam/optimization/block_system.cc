@@ -1,12 +1,14 @@
 #include "slam/optimization/block_system.h"
 
 #include <algorithm>
+#include <cstring>
 #include <iterator>
 #include <utility>
 
 #include <Eigen/Cholesky>
 
 #include "base/sorted.h"
+#include "base/vectorized.h"
 #include "slam/geometry/small_cholesky.h"
 #include "slam/optimization/block_kernels.h"
 
@@ -19,6 +21,10 @@ constexpr double kMergeEntry = 0.003;
 constexpr double kClearBlock = 0.02;
 constexpr double kColumn = 0.1;
 constexpr double kBlockProduct = 0.04;
+
+// A column of six is one of four and one of two.
+using Four = double __attribute__((vector_size(32)));
+using Two = double __attribute__((vector_size(16)));
 
 // Of poses that share blocks, as they are eliminated one by one.
 class EliminationGraph {
@@ -67,6 +73,32 @@ class EliminationGraph {
 };
 
 }  // namespace
+
+// The left factor stays in registers where there are 16 of four doubles.
+WAYMARK_VECTORIZED void subtractScaledColumns(const double* A, const double* B,
+                                              std::ptrdiff_t next_k, std::ptrdiff_t next_j,
+                                              double* C) {
+  Four top[6];    // NOLINT(modernize-avoid-c-arrays): kept in registers
+  Two bottom[6];  // NOLINT(modernize-avoid-c-arrays)
+#pragma GCC unroll 6
+  for (int k = 0; k < 6; ++k) {
+    std::memcpy(&top[k], A + 6 * k, sizeof(Four));
+    std::memcpy(&bottom[k], A + 6 * k + 4, sizeof(Two));
+  }
+  for (int j = 0; j < 6; ++j, B += next_j, C += 6) {
+    Four c;
+    Two d;
+    std::memcpy(&c, C, sizeof(Four));
+    std::memcpy(&d, C + 4, sizeof(Two));
+#pragma GCC unroll 6
+    for (int k = 0; k < 6; ++k) {
+      c -= B[k * next_k] * top[k];
+      d -= B[k * next_k] * bottom[k];
+    }
+    std::memcpy(C, &c, sizeof(Four));
+    std::memcpy(C + 4, &d, sizeof(Two));
+  }
+}
 
 Task<Done> BlockSystem::arrange(std::vector<std::vector<int>> neighbours, bool with_globals,
                                 Budget* budget) {
@@ -213,11 +245,11 @@ void BlockSystem::invertColumn(int column, std::vector<Matrix6d>* scratch) {
   for (std::size_t k = 0; k < rows.size(); ++k) {
     // The later column has all these rows, and others between them.
     std::size_t place = first_[at(rows[k])];
-    blocks[k].noalias() -= blocks_[place] * Y[k];
+    subtractPlainProduct(blocks_[place], Y[k], &blocks[k]);
     for (std::size_t i = k + 1; i < rows.size(); ++i) {
       while (rows_[place] != rows[i]) ++place;
-      blocks[i].noalias() -= blocks_[place] * Y[k];
-      blocks[k].noalias() -= blocks_[place].transpose() * Y[i];
+      subtractPlainProduct(blocks_[place], Y[k], &blocks[i]);
+      subtractPlainProduct(blocks_[place].transpose(), Y[i], &blocks[k]);
     }
   }
   Matrix6d& on_diagonal = diagonal(column);

@@ -32,7 +32,7 @@ struct Arguments {
   double duration_s = 0.0;  // 0: the scene's
   // What a frame may spend on the map's covariance, units; 0: none is kept.
   double covariance_cost = slam::MapCovarianceOptions{}.cost_per_frame;
-  bool images = false;  // rendered and detected, instead of corners of known noise
+  bool images = false;      // rendered and detected, instead of corners of known noise
 };
 
 // A scene of the simulator, or walls with what can go wrong there, as scripts/evaluate has it.
