@@ -246,12 +246,13 @@ std::optional<State> firstGuess(const std::vector<Eigen::Vector3d>& board,
                                 std::span<const std::vector<BoardPoint>> views, int width,
                                 int height, Lens lens) {
   constexpr double kShortest = 0.2;  // of the picture's width
-  constexpr double kMax = 8.0;
   constexpr double kRatio = 1.15;
+  constexpr int kLengths = 27;  // up to 7.6
   const double unseen_px = 0.1 * width;
   std::optional<State> best;
   double best_cost = std::numeric_limits<double>::infinity();
-  for (double focal = kShortest; focal < kMax; focal *= kRatio) {
+  double focal = kShortest;
+  for (int i = 0; i < kLengths; ++i, focal *= kRatio) {
     State state{blankCamera(width, height, lens, focal * width), {}};
     const CameraModel camera(state.camera);
     double cost = 0.0;
