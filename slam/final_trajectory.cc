@@ -5,6 +5,7 @@
 #include <cstddef>
 #include <utility>
 
+#include "base/elapsed.h"
 #include "slam/geometry/moved_on.h"
 #include "slam/slam.h"
 #include "slam/tracking/single_marker_view.h"
@@ -142,7 +143,7 @@ class GapFiller {
   }
   [[nodiscard]] bool hasBoth(std::size_t i) const { return poses_[i] && frames_[i].pose; }
   [[nodiscard]] double secondsBetween(std::size_t from, std::size_t to) const {
-    return 1e-9 * static_cast<double>(frames_[to].monotonic_ns - frames_[from].monotonic_ns);
+    return waymark::secondsBetween(frames_[from].monotonic_ns, frames_[to].monotonic_ns);
   }
 
   // T_final_live of the last carried frame, as the next frame with markers says; its motion in

@@ -368,11 +368,11 @@ class MapReader {
     if (node.good()) (void)map->addKeyframe(std::move(keyframe));
   }
 
-  static std::vector<slam::MarkerLink> readLinks(const JsonNode& node, const slam::Map& map) {
+  std::vector<slam::MarkerLink> readLinks(const JsonNode& node, const slam::Map& map) const {
     std::vector<slam::MarkerLink> links;
     for (const JsonNode& element : node.elements()) {
       slam::MarkerLink link;
-      link.marker = static_cast<int>(element.at("marker").integer(0, kLargestIndex));
+      link.marker = static_cast<int>(element.at("marker").integer(0, largest_id_));
       if (node.good() && map.findPosed(link.marker) == nullptr) {
         element.at("marker").fail("the map has no marker " + std::to_string(link.marker) +
                                   " with a pose");

@@ -270,6 +270,7 @@ TEST(MapFile, FaultsOfLinks) {
       {[](auto& l) { l[0]["marker"] = 555; }, "links[0].marker: the map has no marker 555 with a"},
       {[](auto& l) { l[1]["marker"] = l[0]["marker"]; }, "links[1].marker: must be larger than"},
       {[](auto& l) { l[0]["marker"] = -1; }, "links[0].marker: must be a whole number"},
+      {[](auto& l) { l[0]["marker"] = 3 + (std::int64_t{1} << 32U); }, "links[0].marker: must be"},
       {[](auto& l) { l[0].erase("marker"); }, "links[0].marker: is missing"},
       {[](auto& l) { l[0].erase("T_c_m"); }, "links[0].T_c_m: is missing"},
       {[](auto& l) { l[1]["T_c_m"]["q"][0] = 3.0; }, "links[1].T_c_m.q: must have len"},

@@ -12,6 +12,7 @@
 #include "slam/geometry/reprojection.h"
 #include "slam/geometry/robust.h"
 #include "slam/geometry/small_cholesky.h"
+#include "slam/geometry/turned_covariance.h"
 #include "slam/optimization/block_kernels.h"
 #include "slam/optimization/block_system.h"
 #include "slam/optimization/bundle_adjuster.h"
@@ -109,10 +110,8 @@ bool linearize(const Transform& T_w_m, double size_m, const MarkerDetection& det
 // The same of a marker that was carried to the keyframe. variance: as in addPriors().
 LinearizedView linearizeLink(const Transform& T_w_m, const MarkerLink& link, const Transform& T_w_c,
                              double variance) {
-  Matrix6d turn = Matrix6d::Zero();
-  turn.topLeftCorner<3, 3>() = turn.bottomRightCorner<3, 3>() = T_w_c.R;
   LinearizedView view;
-  view.information = variance * turn * link.covariance.inverse() * turn.transpose();
+  view.information = variance * turnedCovariance(T_w_c.R, link.covariance.inverse());
   view.gradient = view.information * (T_w_c * link.T_c_m).localCoordinates(T_w_m);
   view.transport = rigidTransport(T_w_m.p - T_w_c.p);
   return view;

@@ -4,6 +4,7 @@
 #include <utility>
 
 #include "base/sorted.h"
+#include "slam/geometry/turned_covariance.h"
 
 namespace waymark::slam {
 namespace {
@@ -145,14 +146,7 @@ void Map::addLink(KeyframeId id, const MarkerLink& link) {
     return;
   }
   links.insert(known, link);
-  std::vector<KeyframeId>& from = linked_from_[link.marker];
-  from.insert(std::ranges::upper_bound(from, id), id);
-}
-
-std::span<const KeyframeId> Map::linkedTo(int marker_id) const {
-  const auto found = linked_from_.find(marker_id);
-  if (found == linked_from_.end()) return {};
-  return found->second;
+  linked_from_[link.marker].push_back(id);
 }
 
 void Map::removeLinksTo(int marker_id) {
@@ -192,13 +186,11 @@ void Map::removeViews(int marker_id, std::span<const KeyframeId> keyframes) {
 
 void Map::moveWorld(const Transform& T_v_w) {
   beginEpoch();
-  Matrix6d turn = Matrix6d::Zero();  // of (dp, dtheta)
-  turn.topLeftCorner<3, 3>() = turn.bottomRightCorner<3, 3>() = T_v_w.R;
   for (auto& [id, marker] : markers_) {
     if (marker.T_w_m) marker.T_w_m = T_v_w * *marker.T_w_m;
     if (marker.other_T_w_m) marker.other_T_w_m = T_v_w * *marker.other_T_w_m;
-    marker.covariance = turn * marker.covariance * turn.transpose();
-    marker.world_covariance = turn * marker.world_covariance * turn.transpose();
+    marker.covariance = turnedCovariance(T_v_w.R, marker.covariance);
+    marker.world_covariance = turnedCovariance(T_v_w.R, marker.world_covariance);
     for (Transform& former : marker.former_poses) former = T_v_w * former;
   }
   for (auto& [id, keyframe] : keyframes_) keyframe.T_w_c = T_v_w * keyframe.T_w_c;

@@ -123,8 +123,6 @@ class Map {
   void setKeyframeTwist(KeyframeId id, const Vector6d& twist) { keyframes_.at(id).twist = twist; }
   // In place of another one between the two. Preconditions: both exist.
   void addLink(KeyframeId id, const MarkerLink& link);
-  // The keyframes with a link to the marker, oldest first.
-  [[nodiscard]] std::span<const KeyframeId> linkedTo(int marker_id) const;
   // One more detection of a keyframe. Preconditions: the keyframe exists and does not see the
   // marker yet; the marker is known.
   void addView(KeyframeId id, const MarkerDetection& detection);
@@ -146,7 +144,7 @@ class Map {
   std::map<int, MapMarker> markers_;
   std::map<KeyframeId, Keyframe> keyframes_;
   std::map<int, std::vector<KeyframeId>> views_;        // by marker; ascending
-  std::map<int, std::vector<KeyframeId>> linked_from_;  // by marker; ascending
+  std::map<int, std::vector<KeyframeId>> linked_from_;  // by marker
   KeyframeId next_keyframe_ = 0;
   std::uint64_t epoch_ = 0;
 };

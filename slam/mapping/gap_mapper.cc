@@ -1,11 +1,12 @@
 #include "slam/mapping/gap_mapper.h"
 
 #include <algorithm>
-#include <utility>
 
 #include <Eigen/Cholesky>
 
+#include "base/elapsed.h"
 #include "slam/covariance/marginals.h"
+#include "slam/geometry/turned_covariance.h"
 #include "slam/option_checks.h"
 
 namespace waymark::slam {
@@ -32,10 +33,8 @@ std::optional<MarkerLink> linkTo(int marker, const Transform& T_w_m, const Trans
                                  const Matrix6d& covariance) {
   // The camera's error is the marker's, seen from the camera, the other way round.
   const Matrix6d T = rigidTransport(T_w_m.p - T_w_c.p);
-  Matrix6d turn = Matrix6d::Zero();
-  turn.topLeftCorner<3, 3>() = turn.bottomRightCorner<3, 3>() = T_w_c.R.transpose();
-  const Matrix6d J = turn * T;
-  MarkerLink link{marker, T_w_c.inverse() * T_w_m, J * covariance * J.transpose()};
+  MarkerLink link{marker, T_w_c.inverse() * T_w_m,
+                  turnedCovariance(T_w_c.R.transpose(), T * covariance * T.transpose())};
   link.covariance = (0.5 * (link.covariance + link.covariance.transpose())).eval();
   if (!link.covariance.allFinite() || link.covariance.llt().info() != Eigen::Success) {
     return std::nullopt;
@@ -46,17 +45,18 @@ std::optional<MarkerLink> linkTo(int marker, const Transform& T_w_m, const Trans
 std::optional<GapJoint> GapMapper::offer(const CarriedFrame& frame, const Map& map,
                                          double residual_sigma) {
   const auto passed_s = [&](const Sighting& sighting) {
-    return 1e-9 * static_cast<double>(frame.time.monotonic_ns - sighting.last_seen_ns);
+    return secondsBetween(sighting.last_seen_ns, frame.time.monotonic_ns);
   };
   std::erase_if(sightings_,
                 [&](const auto& entry) { return passed_s(entry.second) > options_.max_pause_s; });
   look(frame, map);
-  for (const auto& [id, sighting] : sightings_) {
+  for (auto& [id, sighting] : sightings_) {
     const MapMarker* const anchor = map.findPosed(sighting.anchor);
     const bool enough =
         sighting.views.size() >= options_.views || passed_s(sighting) > options_.out_of_sight_s;
-    if (anchor == nullptr || !enough) continue;
+    if (anchor == nullptr || !enough || sighting.undecided) continue;
     auto joint = decide(sighting, *anchor, residual_sigma);
+    sighting.undecided = !joint;
     if (!joint) continue;
     sightings_.erase(id);
     return joint;
@@ -68,12 +68,13 @@ void GapMapper::look(const CarriedFrame& frame, const Map& map) {
   for (const MarkerDetection& detection : frame.detections) {
     if (!isNew(map, detection.id)) continue;
     Sighting& sighting = sightings_[detection.id];
-    if (sighting.anchor != frame.anchor) sighting = {{}, frame.anchor, 0};
+    if (sighting.anchor != frame.anchor) sighting = {.views = {}, .anchor = frame.anchor};
     sighting.last_seen_ns = frame.time.monotonic_ns;
     std::vector<View>& views = sighting.views;
     if (!views.empty() && !isAnotherView(views.back(), detection, frame.T_w_c)) continue;
     if (views.size() == options_.views) views.erase(views.begin());
     views.push_back({detection, frame.time, frame.T_w_c, frame.covariance, frame.twist});
+    sighting.undecided = false;
   }
 }
 

@@ -88,6 +88,7 @@ class GapMapper {
     std::vector<View> views;  // oldest first
     int anchor = -1;
     std::int64_t last_seen_ns = 0;
+    bool undecided = false;  // these views say too little: others have to come
   };
   // The new markers among the detections, from here.
   void look(const CarriedFrame& frame, const Map& map);

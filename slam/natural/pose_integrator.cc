@@ -5,14 +5,11 @@
 
 #include <Eigen/Cholesky>
 
+#include "base/elapsed.h"
 #include "slam/option_checks.h"
 
 namespace waymark::slam {
 namespace {
-
-double secondsBetween(std::int64_t from_ns, std::int64_t to_ns) {
-  return 1e-9 * static_cast<double>(to_ns - from_ns);
-}
 
 // Three standard deviations of the error's length.
 double threeSigma(const Eigen::Matrix3d& covariance) {

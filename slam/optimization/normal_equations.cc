@@ -8,6 +8,7 @@
 #include <Eigen/Cholesky>
 
 #include "slam/geometry/robust.h"
+#include "slam/geometry/turned_covariance.h"
 
 namespace waymark::slam {
 namespace {
@@ -133,11 +134,27 @@ Eigen::Matrix<double, 6, Columns> transposedTimes(const Eigen::Vector3d& d,
   return result;
 }
 
+// To the marker of a tie, from its camera.
+Eigen::Vector3d fromCamera(const BundleProblem& problem, const BundleProblem::Tie& tie) {
+  return problem.markers[at(tie.marker)].T.p - problem.cameras[at(tie.camera)].T.p;
+}
+
+// What a tie says of its marker, the camera held: H, and the gradient g. Of the camera it says the
+// same the other way round.
+void addTie(const BundleProblem& problem, std::size_t index, const Matrix6d& H, const Vector6d& g,
+            NormalEquations* equations) {
+  const BundleProblem::Tie tie = problem.tie(index);
+  const Eigen::Vector3d d = fromCamera(problem, tie);
+  const Matrix6d KtH = transposedTimes<6>(d, H);
+  equations->H_marker[at(tie.marker)] += H;
+  equations->g_marker[at(tie.marker)] += g;
+  equations->H_camera[at(tie.camera)] += transposedTimes<6>(d, KtH.transpose());
+  equations->g_camera[at(tie.camera)] -= transposedTimes<1>(d, g);
+  equations->H_cross[index] = -KtH;
+}
+
 void accumulate(const BundleProblem& problem, std::size_t o, const ObservationTerm& term,
                 NormalEquations* equations) {
-  const auto& observation = problem.observations[o];
-  const std::size_t c = at(observation.camera);
-  const std::size_t m = at(observation.marker);
   Matrix6d H;
   for (int j = 0; j < 6; ++j) {
     for (int i = j; i < 6; ++i) {
@@ -146,17 +163,13 @@ void accumulate(const BundleProblem& problem, std::size_t o, const ObservationTe
   }
   Vector6d g;
   for (int i = 0; i < 6; ++i) g[i] = term.J_marker.col(i).dot(term.residual);
-  const Eigen::Vector3d d = problem.markers[m].T.p - problem.cameras[c].T.p;
-  const Matrix6d KtH = transposedTimes<6>(d, H);
-  equations->H_marker[m] += H;
-  equations->g_marker[m] += g;
-  equations->H_camera[c] += transposedTimes<6>(d, KtH.transpose());
-  equations->g_camera[c] -= transposedTimes<1>(d, g);
-  equations->H_cross[o] = -KtH;
+  addTie(problem, o, H, g, equations);
   if (!problem.hasGlobals()) return;
+  const BundleProblem::Tie tie = problem.tie(o);
   const PoseGlobalMatrix G = term.J_marker.transpose() * term.J_global;
-  equations->H_marker_global[m] += G;
-  equations->H_camera_global[c] -= transposedTimes<BundleProblem::kGlobals>(d, G);
+  equations->H_marker_global[at(tie.marker)] += G;
+  equations->H_camera_global[at(tie.camera)] -=
+      transposedTimes<BundleProblem::kGlobals>(fromCamera(problem, tie), G);
   equations->H_global.noalias() += term.J_global.transpose() * term.J_global;
   equations->g_global.noalias() += term.J_global.transpose() * term.residual;
 }
@@ -167,28 +180,16 @@ Vector6d linkError(const BundleProblem& problem, const BundleProblem::Link& link
   return (T_w_c * link.T_c_m).localCoordinates(problem.markers[at(link.marker)].T);
 }
 
-Matrix6d inWorld(const Matrix6d& of_camera, const Eigen::Matrix3d& R_w_c) {
-  Matrix6d turn = Matrix6d::Zero();
-  turn.topLeftCorner<3, 3>() = turn.bottomRightCorner<3, 3>() = R_w_c;
-  return turn * of_camera * turn.transpose();
+Matrix6d informationInWorld(const BundleProblem& problem, const BundleProblem::Link& link) {
+  return turnedCovariance(problem.cameras[at(link.camera)].T.R, link.information);
 }
 
-// To first order in the error: what moves the marker moves the error, and the camera's motion is
-// the marker's the other way round.
+// To first order in the error, which is what the marker moves by.
 void addLinks(const BundleProblem& problem, NormalEquations* equations) {
   for (std::size_t l = 0; l < problem.links.size(); ++l) {
     const BundleProblem::Link& link = problem.links[l];
-    const std::size_t c = at(link.camera);
-    const std::size_t m = at(link.marker);
-    const Matrix6d H = inWorld(link.information, problem.cameras[c].T.R);
-    const Vector6d g = H * linkError(problem, link);
-    const Eigen::Vector3d d = problem.markers[m].T.p - problem.cameras[c].T.p;
-    const Matrix6d KtH = transposedTimes<6>(d, H);
-    equations->H_marker[m] += H;
-    equations->g_marker[m] += g;
-    equations->H_camera[c] += transposedTimes<6>(d, KtH.transpose());
-    equations->g_camera[c] -= transposedTimes<1>(d, g);
-    equations->H_cross[problem.observations.size() + l] = -KtH;
+    const Matrix6d H = informationInWorld(problem, link);
+    addTie(problem, problem.observations.size() + l, H, H * linkError(problem, link), equations);
   }
 }
 
@@ -227,7 +228,7 @@ double priorCost(const BundleProblem& problem) {
   }
   for (const auto& link : problem.links) {
     const Vector6d e = linkError(problem, link);
-    cost += e.dot(inWorld(link.information, problem.cameras[at(link.camera)].T.R) * e);
+    cost += e.dot(informationInWorld(problem, link) * e);
   }
   if (problem.hasGlobals()) {
     const GlobalVector e = globalError(problem);

@@ -77,8 +77,9 @@ SubproblemMembers localMap(const Map& map, KeyframeId keyframe) {
   SubproblemMembers roles;
   roles.markers = map.markersSeenFrom(near);
   for (const KeyframeId id : near) {
-    for (const MarkerLink& link : map.keyframes().at(id).links)
+    for (const MarkerLink& link : map.keyframes().at(id).links) {
       roles.markers.push_back(link.marker);
+    }
   }
   sortUnique(&roles.markers);
   std::vector<KeyframeId> views;

@@ -1,5 +1,6 @@
 #include "slam/tracking/motion_model.h"
 
+#include "base/elapsed.h"
 #include "slam/option_checks.h"
 
 namespace waymark::slam {
@@ -29,7 +30,7 @@ std::string MotionModelOptions::invalidReason() const {
 void MotionModel::update(const Transform& T_w_c, const Matrix6d& covariance, std::int64_t time_ns) {
   const auto twist = twistTo(T_w_c, time_ns);
   velocity_ = twist.value_or(Vector6d::Zero());
-  velocity_interval_s_ = twist ? 1e-9 * static_cast<double>(time_ns - last_->time_ns) : 0.0;
+  velocity_interval_s_ = twist ? secondsBetween(last_->time_ns, time_ns) : 0.0;
   velocity_covariance_ = Matrix6d::Zero();
   if (twist) {
     velocity_covariance_ =
@@ -40,7 +41,7 @@ void MotionModel::update(const Transform& T_w_c, const Matrix6d& covariance, std
 
 std::optional<Vector6d> MotionModel::twistTo(const Transform& T_w_c, std::int64_t time_ns) const {
   if (!last_) return std::nullopt;
-  const double dt = 1e-9 * static_cast<double>(time_ns - last_->time_ns);
+  const double dt = secondsBetween(last_->time_ns, time_ns);
   if (dt <= 0.0 || dt > options_.max_extrapolation_s) return std::nullopt;
   const Transform step = last_->T_w_c.inverse() * T_w_c;
   Vector6d twist;
@@ -54,7 +55,7 @@ void MotionModel::correct(const Transform& T_w_c) {
 
 std::optional<Prediction> MotionModel::predict(std::int64_t time_ns) const {
   if (!last_) return std::nullopt;
-  const double dt = 1e-9 * static_cast<double>(time_ns - last_->time_ns);
+  const double dt = secondsBetween(last_->time_ns, time_ns);
   if (dt < 0.0 || dt > options_.max_age_s) return std::nullopt;
   Prediction prediction;
   prediction.T_w_last = prediction.T_w_c = last_->T_w_c;

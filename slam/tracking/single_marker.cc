@@ -4,6 +4,7 @@
 #include <cmath>
 #include <utility>
 
+#include "base/elapsed.h"
 #include "slam/option_checks.h"
 
 namespace waymark::slam {
@@ -34,7 +35,7 @@ std::optional<PoseOfTwo> SingleMarkerJudge::judge(const KnownMarker& marker, std
 
   const int id = marker.detection->id;
   const bool goes_on = track_ && track_->marker == id && time_ns >= track_->time_ns &&
-                       1e-9 * static_cast<double>(time_ns - track_->time_ns) <= options_.max_gap_s;
+                       secondsBetween(track_->time_ns, time_ns) <= options_.max_gap_s;
   if (goes_on) {
     const std::array<Transform, 2> swapped = {T_m_c[1], T_m_c[0]};
     if (separation(swapped, track_->T_m_c) < separation(T_m_c, track_->T_m_c)) {

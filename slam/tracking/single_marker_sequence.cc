@@ -7,6 +7,7 @@
 
 #include <Eigen/Cholesky>
 
+#include "base/elapsed.h"
 #include "slam/option_checks.h"
 
 namespace waymark::slam {
@@ -25,14 +26,10 @@ double logSum(double a, double b) {
   return larger + std::log1p(std::exp(std::min(a, b) - larger));
 }
 
-double secondsBetween(const SequenceFrame& a, const SequenceFrame& b) {
-  return 1e-9 * static_cast<double>(b.time_ns - a.time_ns);
-}
-
 // How far the camera would have had to move, as a chi-square of 6 dimensions.
 double stepChi2(const SequenceFrame& a, std::size_t i, const SequenceFrame& b, std::size_t k,
                 const SingleMarkerSequenceOptions& options) {
-  const double gap_s = secondsBetween(a, b);
+  const double gap_s = secondsBetween(a.time_ns, b.time_ns);
   const auto variance = [&](double place, double speed) {
     return place * place + std::pow(speed * gap_s, 2);
   };
@@ -59,7 +56,7 @@ StepLogs stepOfOneTrack(const SequenceFrame& a, const SequenceFrame& b, double m
 // in_turn: no frame of that marker between them whose poses were not two.
 StepLogs stepBetween(const SequenceFrame& a, const SequenceFrame& b, bool in_turn,
                      const SingleMarkerSequenceOptions& options) {
-  const double gap_s = secondsBetween(a, b);
+  const double gap_s = secondsBetween(a.time_ns, b.time_ns);
   if (gap_s < 0.0) return {};  // another recording: all the same
   const bool one_marker = a.poses == 2 && b.poses == 2 && a.marker == b.marker;
   if (one_marker && in_turn && gap_s <= options.judge.max_gap_s) {

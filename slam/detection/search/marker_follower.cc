@@ -4,6 +4,7 @@
 #include <cmath>
 #include <utility>
 
+#include "base/elapsed.h"
 #include "slam/geometry/plane.h"
 #include "slam/option_checks.h"
 
@@ -58,7 +59,7 @@ const std::vector<MarkerDetection>& MarkerFollower::find(const ImageView& image,
                                                          std::int64_t time_ns,
                                                          std::span<const ExpectedMarker> expected,
                                                          StageObserver* observer) {
-  const double interval_s = 1e-9 * static_cast<double>(time_ns - time_ns_);
+  const double interval_s = secondsBetween(time_ns_, time_ns);
   time_ns_ = time_ns;
   detector_.begin();
   detector_.setObserver(observer);
