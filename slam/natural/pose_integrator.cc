@@ -49,11 +49,12 @@ PoseIntegrator::PoseIntegrator(const NaturalOptions& options, const CameraModel&
 
 bool PoseIntegrator::follow(std::int64_t time_ns, const ImageView& image, const PoseEstimate& pose,
                             bool certain, std::span<const KnownMarker> markers) {
+  const bool features_knew = bridging_ || fused_;
   fused_.reset();
   if (!filter_) return true;
   advance(time_ns);
   if (running() && contradicts(pose)) {
-    if (++contradictions_ < options_.integrator.witnesses) return !bridging_;
+    if (++contradictions_ < options_.integrator.witnesses) return !features_knew;
     filter_->reset();
     ++counters_->filter_restarts;
   }

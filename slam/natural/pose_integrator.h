@@ -73,7 +73,8 @@ class PoseIntegrator {
 
   // A frame with a pose from these markers, all of which fit it. image: of the camera's size, or
   // empty. certain: it is not one of two that nothing has decided between. False while the markers
-  // contradict a filter that carried the pose until now: then the frame is to be bridged.
+  // contradict a filter that the last pose was from, alone or fused(): then the frame is to be
+  // bridged.
   [[nodiscard]] bool follow(std::int64_t time_ns, const ImageView& image, const PoseEstimate& pose,
                             bool certain, std::span<const KnownMarker> markers);
   // Of the last frame, where it was follow()ed: its pose from features and markers together, in

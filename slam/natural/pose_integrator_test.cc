@@ -140,6 +140,18 @@ TEST_F(PoseIntegratorTest, GivesUpRatherThanLie) {
   EXPECT_FALSE(step(See::kWallOnly).pose) << "once given up, it takes markers to begin again";
 }
 
+TEST_F(PoseIntegratorTest, WhatIsFusedIsNotGivenUpForOneContradiction) {
+  begin();
+  ASSERT_TRUE(integrator_->fused());
+  EXPECT_LT(error_m(*integrator_->fused()), 0.05);
+  const Frame contradicted = step(See::kAll, 0.4);
+  EXPECT_FALSE(contradicted.followed);
+  ASSERT_TRUE(contradicted.pose);
+  EXPECT_LT(error_m(*contradicted.pose), 0.05);
+  EXPECT_TRUE(step(See::kAll).followed);
+  EXPECT_EQ(counters_.filter_restarts, 0U);
+}
+
 TEST_F(PoseIntegratorTest, OneContradictionIsNotBelievedThreeAre) {
   begin();
   for (int i = 0; i < 10; ++i) ASSERT_TRUE(step(See::kWallOnly).pose);
