@@ -91,14 +91,6 @@ class FrameProblem {
   std::pmr::vector<WhitenedCorners> whitening_;
 };
 
-double sidePx(const MarkerDetection& detection) {
-  double perimeter = 0.0;
-  for (std::size_t k = 0; k < 4; ++k) {
-    perimeter += (detection.pixels[(k + 1) % 4] - detection.pixels[k]).norm();
-  }
-  return 0.25 * perimeter;
-}
-
 }  // namespace
 
 std::string PoseOptimizerOptions::invalidReason() const {
@@ -136,6 +128,14 @@ bool PoseOptimizer::explains(const KnownMarker& marker, const Transform& T_w_c,
   return chi2 && *chi2 <= options_.marker_chi2 * residual_sigma * residual_sigma;
 }
 
+double PoseOptimizer::sidePx(const MarkerDetection& detection) {
+  double perimeter = 0.0;
+  for (std::size_t k = 0; k < 4; ++k) {
+    perimeter += (detection.pixels[(k + 1) % 4] - detection.pixels[k]).norm();
+  }
+  return 0.25 * perimeter;
+}
+
 double PoseOptimizer::rmsPx(const KnownMarker& marker, const Transform& T_w_c) const {
   double squared = 0.0;
   for (std::size_t k = 0; k < 4; ++k) {
@@ -151,9 +151,7 @@ bool PoseOptimizer::areEnough(std::size_t inliers, std::size_t markers) const {
 }
 
 bool PoseOptimizer::acceptable(const PoseSolution& solution) const {
-  const double worst =
-      std::max(options_.max_rms_px, options_.max_rms_per_side * solution.mean_side_px);
-  return solution.rms_px <= worst &&
+  return solution.rms_px <= maxRmsPx(solution.mean_side_px) &&
          areEnough(static_cast<std::size_t>(solution.inliers), solution.inlier.size());
 }
 

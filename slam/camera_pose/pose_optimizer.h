@@ -1,6 +1,7 @@
 // Tracking (seed 1, section 4.3): the camera pose from all valid markers of a frame, markers fixed.
 #pragma once
 
+#include <algorithm>
 #include <optional>
 #include <span>
 #include <string>
@@ -84,9 +85,17 @@ class PoseOptimizer {
   // Whether a pose explains it; noise: of the residuals, in units of the corners' own.
   [[nodiscard]] bool explains(const KnownMarker& marker, const Transform& T_w_c,
                               double residual_sigma) const;
+  // Whether the marker is at least where such a pose may leave it: as acceptable().
+  [[nodiscard]] bool isNear(const KnownMarker& marker, const Transform& T_w_c) const {
+    return rmsPx(marker, T_w_c) <= maxRmsPx(sidePx(*marker.detection));
+  }
 
  private:
   [[nodiscard]] bool areEnough(std::size_t inliers, std::size_t markers) const;
+  [[nodiscard]] double maxRmsPx(double side_px) const {
+    return std::max(options_.max_rms_px, options_.max_rms_per_side * side_px);
+  }
+  [[nodiscard]] static double sidePx(const MarkerDetection& detection);
   // Infinite behind the camera.
   [[nodiscard]] double rmsPx(const KnownMarker& marker, const Transform& T_w_c) const;
 

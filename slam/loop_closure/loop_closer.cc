@@ -9,6 +9,7 @@
 #include "slam/geometry/robust.h"
 #include "slam/geometry/two_hypotheses.h"
 #include "slam/optimization/map_fit.h"
+#include "slam/optimization/map_optimizer.h"
 #include "slam/option_checks.h"
 
 namespace waymark::slam {
@@ -36,8 +37,9 @@ std::vector<std::vector<int>> camerasByMarker(const BundleProblem& problem) {
   return cameras;
 }
 
-// Every pair of cameras with a common marker, the strongest first.
-Task<std::vector<Connection>> connections(const BundleProblem& problem, Budget* budget) {
+// Every pair of cameras with a common marker, by how many they have.
+Task<std::vector<std::vector<Connection>>> connections(const BundleProblem& problem,
+                                                       Budget* budget) {
   const std::vector<std::vector<int>> by_marker = camerasByMarker(problem);
   std::vector<std::vector<Connection>> by_strength;
   std::vector<int> shared(problem.cameras.size(), 0);
@@ -60,12 +62,7 @@ Task<std::vector<Connection>> connections(const BundleProblem& problem, Budget* 
     }
     co_await budget->spend(kViewPair * static_cast<double>(pairs));
   }
-  std::vector<Connection> list;
-  for (auto same = by_strength.rbegin(); same != by_strength.rend(); ++same) {
-    co_await budget->spend(kViewPair * static_cast<double>(same->size()));
-    list.insert(list.end(), same->begin(), same->end());
-  }
-  co_return list;
+  co_return by_strength;
 }
 
 // Kruskal's union-find.
@@ -133,14 +130,9 @@ int referenceCamera(const Subproblem& part, KeyframeId reference) {
 Transform correctedMarker(const Transform& T_w_m, std::span<const int> cameras,
                           const std::vector<BundleProblem::Pose>& before,
                           const std::vector<Transform>& after) {
-  std::vector<Eigen::Matrix3d> rotations;
-  Eigen::Vector3d p = Eigen::Vector3d::Zero();
-  for (const int c : cameras) {
-    const Transform moved = after[at(c)] * before[at(c)].T.inverse() * T_w_m;
-    rotations.push_back(moved.R);
-    p += moved.p / static_cast<double>(cameras.size());
-  }
-  return {meanRotation(rotations), p};
+  std::vector<Transform> moved;
+  for (const int c : cameras) moved.push_back(after[at(c)] * before[at(c)].T.inverse() * T_w_m);
+  return meanTransform(moved);
 }
 
 // What takes the corrected poses back to where the world was: what fixes it stays where it is.
@@ -153,35 +145,40 @@ Transform backToTheWorld(const BundleProblem& before, const BundleProblem& after
 
 // What every candidate starts from, and is compared with.
 struct Before {
+  KeyframeId newest = -1;  // of the map
   Subproblem part;
-  std::vector<std::vector<int>> by_marker;  // cameras
-  PoseGraph graph;
   double residual_sigma = 1.0;
   double huber = 0.0;  // in units of the corners' covariances
   double cost = 0.0;
 };
 
-Task<Before> prepare(const Map& map, const MarkerOptions& markers, const LoopOptions& options,
-                     Budget* budget) {
+Task<Before> prepare(const Map& map, SubproblemMembers members, const MarkerOptions& markers,
+                     const LoopOptions& options, Budget* budget) {
   Before before;
-  before.part = co_await buildSubproblem(map, wholeMap(map), markers, budget);
+  before.newest = map.keyframes().empty() ? -1 : map.keyframes().rbegin()->first;
+  before.part = co_await buildSubproblem(map, std::move(members), markers, budget);
   const MapFit fit = co_await fitOf(before.part.problem, budget);
   before.residual_sigma = fit.residual_sigma;
   before.huber = fit.residual_sigma * options.optimization.huber;
   before.cost = costOf(fit.squared, before.huber);
-  before.by_marker = camerasByMarker(before.part.problem);
-  before.graph =
-      co_await covisibilityGraph(before.part.problem, options.edges_per_keyframe, budget);
   co_return before;
 }
 
-// The problem with its loop closed by the pose graph, before any optimization of corners. The
-// closing frame is its last camera.
-Task<BundleProblem> correctedProblem(const Before& before, const LoopFrame& loop,
+// The closing frame becomes the problem's last camera.
+void addClosingFrame(const Subproblem& part, const LoopFrame& loop, const Transform& T_w_c,
+                     BundleProblem* problem) {
+  const int t = static_cast<int>(problem->cameras.size());
+  problem->cameras.push_back({T_w_c, false});
+  for (const MarkerDetection& detection : loop.frame.detections) {
+    const int marker = part.markerIndex(detection.id);
+    if (marker >= 0) problem->observations.push_back({t, marker, &detection});
+  }
+}
+
+// The problem with its loop closed by the pose graph, before any optimization of corners.
+Task<BundleProblem> correctedProblem(const Subproblem& part, PoseGraph graph, const LoopFrame& loop,
                                      const Transform& expected, const LoopOptions& options,
                                      Budget* budget) {
-  const Subproblem& part = before.part;
-  PoseGraph graph = before.graph;
   const int t = static_cast<int>(graph.poses.size());
   const int c = closingCamera(part, loop.loop_markers);
   const int omega = referenceCamera(part, loop.reference);
@@ -195,13 +192,9 @@ Task<BundleProblem> correctedProblem(const Before& before, const LoopFrame& loop
   for (std::size_t i = 0; i < corrected.cameras.size(); ++i) {
     corrected.cameras[i].T = graph.poses[i];
   }
-  (void)co_await correctMarkers(before.by_marker, part.problem.cameras, graph.poses,
+  (void)co_await correctMarkers(camerasByMarker(part.problem), part.problem.cameras, graph.poses,
                                 &corrected.markers, budget);
-  corrected.cameras.push_back({graph.poses.back(), false});
-  for (const MarkerDetection& detection : loop.frame.detections) {
-    const int marker = part.markerIndex(detection.id);
-    if (marker >= 0) corrected.observations.push_back({t, marker, &detection});
-  }
+  addClosingFrame(part, loop, graph.poses.back(), &corrected);
   // The graph held the closing camera.
   const Transform T_v_w = backToTheWorld(part.problem, corrected);
   for (auto& camera : corrected.cameras) camera.T = T_v_w * camera.T;
@@ -222,9 +215,9 @@ struct Candidate {
   double closing_error = 0.0;  // of the closing frame, likewise
 };
 
-Task<Candidate> tryCandidate(const Before& before, const LoopFrame& loop, const Transform& expected,
+// corrected: with the closing frame as its last camera.
+Task<Candidate> tryCandidate(const Before& before, BundleProblem corrected,
                              const LoopOptions& options, Budget* budget) {
-  BundleProblem corrected = co_await correctedProblem(before, loop, expected, options, budget);
   BundleAdjuster adjuster(std::move(corrected), options.optimization);
   (void)co_await adjuster.run(budget);
   const MapFit fit = co_await fitOf(adjuster.problem(), budget);
@@ -267,6 +260,12 @@ std::optional<LoopRejection> rejectionOf(const Candidate& best,
   return much_worse ? std::nullopt : std::optional(LoopRejection::kAmbiguous);
 }
 
+ClosedLoop closedBy(Candidate candidate, KeyframeId newest, Keyframe frame) {
+  ClosedLoop closed{std::move(candidate.correction), newest, std::move(frame), {}};
+  closed.T_w_tracked = std::exchange(closed.closing.T_w_c, candidate.T_w_closing);
+  return closed;
+}
+
 }  // namespace
 
 std::string LoopOptions::invalidReason() const {
@@ -274,6 +273,7 @@ std::string LoopOptions::invalidReason() const {
       firstUnmet({
           {isShare(min_joining_share), "the share of a loop's markers must be from 0 to 1"},
           {frames_between_attempts >= 0, "the frames between loop closures must not be negative"},
+          {sure_views >= 1, "a marker that closes a loop needs at least 1 view"},
           {min_witnesses >= 1, "a marker that disagrees needs at least 1 witness"},
           {edges_per_keyframe >= 0, "the edges of a keyframe must not be negative"},
           {isNotNegative(max_growth) && isNotNegative(max_growth_share) &&
@@ -285,6 +285,9 @@ std::string LoopOptions::invalidReason() const {
           {isNotNegative(ambiguity_floor), "the floor of a loop's ambiguity must not be negative"},
           {isNotNegative(cost_per_view), "the cost of a loop's view must not be negative"},
           {isPositive(frames_to_close), "the frames of a loop closure must be positive"},
+          {isPositive(max_cost_per_frame), "the cost of a loop closure must be positive"},
+          {region_keyframes >= 1, "the region that is relaxed needs at least 1 keyframe"},
+          {frames_before_relaxing >= 1, "at least 1 frame must leave time to relax the map"},
       }),
       pose_graph.invalidReason(),
       optimization.invalidReason(),
@@ -293,12 +296,16 @@ std::string LoopOptions::invalidReason() const {
 
 Task<LoopOutcome> closeLoop(const Map& map, LoopFrame loop, const MarkerOptions& markers,
                             LoopOptions options, Budget* budget) {
-  const Before before = co_await prepare(map, markers, options, budget);
+  const Before before = co_await prepare(map, wholeMap(map), markers, options, budget);
   if (loop.expected.empty() || before.part.keyframes.empty()) co_return LoopRejection::kNoEvidence;
+  const PoseGraph graph =
+      co_await covisibilityGraph(before.part.problem, options.edges_per_keyframe, budget);
   std::optional<Candidate> best;
   std::optional<Candidate> other;
   for (const Transform& expected : loop.expected) {
-    Candidate candidate = co_await tryCandidate(before, loop, expected, options, budget);
+    BundleProblem corrected =
+        co_await correctedProblem(before.part, graph, loop, expected, options, budget);
+    Candidate candidate = co_await tryCandidate(before, std::move(corrected), options, budget);
     if (best && candidate.growth >= best->growth) {
       other = std::move(candidate);
     } else {
@@ -308,39 +315,36 @@ Task<LoopOutcome> closeLoop(const Map& map, LoopFrame loop, const MarkerOptions&
   }
   const double allowed = allowedGrowth(before, loop.loop_markers.size(), options);
   if (const auto rejection = rejectionOf(*best, other, allowed, options)) co_return *rejection;
-  ClosedLoop closed{std::move(best->correction), std::move(loop.frame), {}};
-  closed.T_w_tracked = std::exchange(closed.closing.T_w_c, best->T_w_closing);
-  co_return closed;
+  co_return closedBy(std::move(*best), before.newest, std::move(loop.frame));
 }
 
-std::optional<KeyframeId> adopt(const ClosedLoop& loop, Map* map) {
-  if (loop.correction.epoch != map->epoch()) return std::nullopt;
-  // What is newer than the correction moves with the closing frame; a marker's second hypothesis
-  // moves with its first.
-  const Transform T_new_old = loop.closing.T_w_c * loop.T_w_tracked.inverse();
-  const KeyframeId newest = loop.correction.keyframes.back().id;
-  for (auto it = map->keyframes().upper_bound(newest); it != map->keyframes().end(); ++it) {
-    map->setKeyframePose(it->first, T_new_old * it->second.T_w_c);
+Task<LoopOutcome> relaxRegion(const Map& map, LoopFrame loop, const MarkerOptions& markers,
+                              LoopOptions options, Budget* budget) {
+  std::vector<KeyframeId> ends;
+  if (map.keyframes().contains(loop.reference)) ends.push_back(loop.reference);
+  for (const int marker : loop.loop_markers) {
+    if (!map.viewsOf(marker).empty()) ends.push_back(map.viewsOf(marker).back());
   }
-  std::vector<std::pair<int, Transform>> firsts;
-  for (const auto& [id, marker] : map->markers()) {
-    if (!marker.T_w_m) continue;
-    map->place(id, T_new_old * *marker.T_w_m, marker.other_T_w_m, marker.covariance);
-    if (marker.other_T_w_m) firsts.emplace_back(id, *marker.T_w_m);
-  }
-  (void)apply(loop.correction, map);
-  for (const auto& [id, T_w_m] : firsts) {
-    const MapMarker& marker = *map->findPosed(id);
-    map->place(id, *marker.T_w_m, *marker.T_w_m * T_w_m.inverse() * T_new_old * *marker.other_T_w_m,
-               marker.covariance);
-  }
-  map->beginEpoch();
-  Keyframe closing = loop.closing;
-  closing.detections.change([&](auto* detections) {
-    std::erase_if(*detections,
-                  [&](const MarkerDetection& d) { return map->find(d.id) == nullptr; });
-  });
-  return map->addKeyframe(std::move(closing));
+  SubproblemMembers region = regionAround(map, ends, options.region_keyframes);
+  const Before before = co_await prepare(map, std::move(region), markers, options, budget);
+  if (before.part.keyframes.empty()) co_return LoopRejection::kNoEvidence;
+  BundleProblem problem = before.part.problem;
+  addClosingFrame(before.part, loop, loop.frame.T_w_c, &problem);
+  Candidate candidate = co_await tryCandidate(before, std::move(problem), options, budget);
+  const double allowed = allowedGrowth(before, loop.loop_markers.size(), options);
+  if (const auto rejection = rejectionOf(candidate, {}, allowed, options)) co_return *rejection;
+  co_return closedBy(std::move(candidate), before.newest, std::move(loop.frame));
+}
+
+Task<LoopOutcome> relaxMap(const Map& map, const MarkerOptions& markers, LoopOptions options,
+                           Budget* budget) {
+  const KeyframeId newest = map.keyframes().empty() ? -1 : map.keyframes().rbegin()->first;
+  RelaxedMap relaxed;
+  relaxed.newest = newest;
+  relaxed.correction =
+      co_await optimizeSubproblem(map, wholeMap(map), markers, options.optimization, budget);
+  if (relaxed.correction.summary.failed) co_return LoopRejection::kNoEvidence;
+  co_return relaxed;
 }
 
 Task<Done> correctMarkers(const std::vector<std::vector<int>>& by_marker,
@@ -363,17 +367,19 @@ Task<PoseGraph> covisibilityGraph(const BundleProblem& problem, int edges_per_ke
   for (const auto& camera : problem.cameras) graph.poses.push_back(camera.T);
   Forest forest(graph.poses.size());
   std::vector<int> degree(graph.poses.size(), 0);
-  const std::vector<Connection> strongest_first = co_await connections(problem, budget);
-  for (const Connection& connection : strongest_first) {
-    co_await budget->spend(kConnection);
-    const std::size_t a = at(connection.a);
-    const std::size_t b = at(connection.b);
-    const bool in_tree = forest.join(connection.a, connection.b);
-    if (!in_tree && degree[a] >= edges_per_keyframe && degree[b] >= edges_per_keyframe) continue;
-    ++degree[a];
-    ++degree[b];
-    graph.edges.push_back({connection.a, connection.b, graph.poses[a].inverse() * graph.poses[b],
-                           static_cast<double>(connection.shared)});
+  const std::vector<std::vector<Connection>> by_strength = co_await connections(problem, budget);
+  for (auto same = by_strength.rbegin(); same != by_strength.rend(); ++same) {
+    for (const Connection& connection : *same) {
+      co_await budget->spend(kConnection);
+      const std::size_t a = at(connection.a);
+      const std::size_t b = at(connection.b);
+      const bool in_tree = forest.join(connection.a, connection.b);
+      if (!in_tree && degree[a] >= edges_per_keyframe && degree[b] >= edges_per_keyframe) continue;
+      ++degree[a];
+      ++degree[b];
+      graph.edges.push_back({connection.a, connection.b, graph.poses[a].inverse() * graph.poses[b],
+                             static_cast<double>(connection.shared)});
+    }
   }
   addLinkEdges(problem, &graph);
   co_return graph;
@@ -389,6 +395,16 @@ Eigen::Matrix3d meanRotation(std::span<const Eigen::Matrix3d> rotations) {
   const Eigen::SelfAdjointEigenSolver<Eigen::Matrix4d> solver(sum);
   const Eigen::Vector4d q = solver.eigenvectors().col(3);
   return Eigen::Quaterniond(q).normalized().toRotationMatrix();
+}
+
+Transform meanTransform(std::span<const Transform> transforms) {
+  std::vector<Eigen::Matrix3d> rotations;
+  Eigen::Vector3d p = Eigen::Vector3d::Zero();
+  for (const Transform& T : transforms) {
+    rotations.push_back(T.R);
+    p += T.p / static_cast<double>(transforms.size());
+  }
+  return {meanRotation(rotations), p};
 }
 
 }  // namespace waymark::slam

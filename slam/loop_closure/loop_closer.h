@@ -55,9 +55,21 @@ struct LoopOptions {
   double ambiguity_floor = 8.0;
   // A closure gets as much of a frame as it needs to be done after so many, before what is not
   // corrected meanwhile has gone far astray: units for each view of a marker, all iterations
-  // together. More than Options::work_per_frame only in large maps.
+  // together. More than Options::work_per_frame only in large maps ...
   double cost_per_view = 20.0;
   double frames_to_close = 60.0;
+  // ... and never more than this: in the largest a closure takes longer.
+  double max_cost_per_frame = 1000.0;
+  // In a map of more keyframes than this so many around the frame are optimized together, where
+  // markers of the neighbourhood have come to disagree, or the ends of a loop differ by little.
+  // More take out strain of a larger part, and longer to do it.
+  int region_keyframes = 600;
+  // There a marker that fewer keyframes have seen closes no loop, as long as it is near where it
+  // should be: it is known too little to disagree. More begin fewer closures for nothing.
+  int sure_views = 3;
+  // After a closure that has seen to a part of the map the whole of it is optimized once so many
+  // frames in a row have left time: 0.2 s at 150 Hz. Fewer begin it while the map still grows.
+  int frames_before_relaxing = 30;
 
   // Empty when usable, else what is wrong.
   [[nodiscard]] std::string invalidReason() const;
@@ -73,8 +85,15 @@ struct LoopFrame {
 
 struct ClosedLoop {
   MapCorrection correction;  // of the map as it was when the closing began
+  KeyframeId newest = -1;    // of the map then
   Keyframe closing;          // the closing frame, where it belongs
   Transform T_w_tracked;     // and where it was tracked
+};
+
+// The whole map at its optimum, where closures have only seen to parts of it.
+struct RelaxedMap {
+  MapCorrection correction;  // of the map as it was when that began
+  KeyframeId newest = -1;    // of the map then
 };
 
 enum class LoopRejection {
@@ -86,14 +105,19 @@ enum class LoopRejection {
 // Finds the correction of the map: pose graph (Eq. 37-39), markers (Eq. 40), optimization; and
 // tests it. The world stays where it is. The map may go on growing meanwhile. What is given by
 // reference must outlive the task.
-using LoopOutcome = std::variant<ClosedLoop, LoopRejection>;
+using LoopOutcome = std::variant<ClosedLoop, RelaxedMap, LoopRejection>;
 Task<LoopOutcome> closeLoop(const Map& map, LoopFrame loop, const MarkerOptions& markers,
                             LoopOptions options, Budget* budget);
 
-// Corrects the map, and adds the closing frame to it: its id is returned. What came since the
-// closing began moves with that frame. Empty, and nothing is done, when the map's coordinates are
-// others by now.
-[[nodiscard]] std::optional<KeyframeId> adopt(const ClosedLoop& loop, Map* map);
+// The same where markers of the neighbourhood, L(t), have come to disagree: there is no loop, but
+// the map is bent between its last views and older ones. Optimizes a part of it, from where it is:
+// the keyframes around the reference and around the last that saw those markers.
+Task<LoopOutcome> relaxRegion(const Map& map, LoopFrame loop, const MarkerOptions& markers,
+                              LoopOptions options, Budget* budget);
+
+// No loop at all: the whole map, from where it is.
+Task<LoopOutcome> relaxMap(const Map& map, const MarkerOptions& markers, LoopOptions options,
+                           Budget* budget);
 
 // Eq. 40 for every marker: it moves as the cameras that see it, named by marker, moved from
 // `before` to `after`.
@@ -109,5 +133,7 @@ Task<PoseGraph> covisibilityGraph(const BundleProblem& problem, int edges_per_ke
 
 // The rotation that minimizes the sum of squared chordal distances. Precondition: not empty.
 [[nodiscard]] Eigen::Matrix3d meanRotation(std::span<const Eigen::Matrix3d> rotations);
+// That, and the mean of the positions. Precondition: not empty.
+[[nodiscard]] Transform meanTransform(std::span<const Transform> transforms);
 
 }  // namespace waymark::slam

@@ -7,6 +7,7 @@
 #include <gtest/gtest.h>
 
 #include "slam/camera_pose/pose_optimizer.h"
+#include "slam/loop_closure/loop_adoption.h"
 #include "slam/marker_pose/square_pose.h"
 #include "slam/optimization/map_optimizer.h"
 #include "slam/testing/scene.h"
@@ -148,8 +149,10 @@ TEST_F(LoopCloserTest, WhatCameMeanwhileMovesWithTheClosingFrame) {
       [&](Budget* a) { return closeLoop(map, loop, options_, LoopOptions{}, a); });
   ASSERT_FALSE(task.advance(100.0));
   const Transform T_closing_late{expSo3({0.0, 0.05, 0.0}), {0.1, 0.0, 0.2}};
-  const KeyframeId late = map.addKeyframe({-1, 0, 0, loop.frame.T_w_c * T_closing_late, {}});
   map.addMarker(99, kSize);
+  MarkerDetection seen;
+  seen.id = 99;
+  const KeyframeId late = map.addKeyframe({-1, 0, 0, loop.frame.T_w_c * T_closing_late, {{seen}}});
   map.place(99, loop.frame.T_w_c * T_closing_late);
   map.removeKeyframe(20);
   // An old one whose markers are all in quarantine: nobody knows where it belongs by now.
@@ -159,14 +162,77 @@ TEST_F(LoopCloserTest, WhatCameMeanwhileMovesWithTheClosingFrame) {
   EXPECT_GT(slices, 5);
   const LoopOutcome outcome = task.take();
   ASSERT_TRUE(std::holds_alternative<ClosedLoop>(outcome));
-  const auto closing = adopt(std::get<ClosedLoop>(outcome), &map);
-  ASSERT_TRUE(closing);
-  const Transform expected = map.keyframes().at(*closing).T_w_c * T_closing_late;
+  const auto adopted = adopt(std::get<ClosedLoop>(outcome), &map);
+  ASSERT_TRUE(adopted);
+  const Transform expected = map.keyframes().at(adopted->closing).T_w_c * T_closing_late;
   EXPECT_LT((map.keyframes().at(late).T_w_c.p - expected.p).norm(), 1e-9);
   EXPECT_LT((map.find(99)->T_w_m->p - expected.p).norm(), 1e-9);
   EXPECT_EQ(map.keyframes().at(8).T_w_c.p, T_old.p);
   EXPECT_LT(markerError(map), 0.02);
   EXPECT_FALSE(adopt(std::get<ClosedLoop>(outcome), &map)) << "it has been";
+}
+
+// What came since hangs between what moved much and what moved little, and follows both.
+TEST_F(LoopCloserTest, WhatCameMeanwhileMovesAsWhatItSees) {
+  Map map = openMap(24, 0.05);
+  const KeyframeId newest = map.keyframes().rbegin()->first;
+  const auto& seen = map.keyframes().at(newest).detections;
+  ASSERT_GE(seen.size(), 2U);
+  ClosedLoop loop;
+  loop.newest = newest;
+  loop.closing = map.keyframes().at(newest);
+  loop.T_w_tracked = loop.closing.T_w_c;
+  loop.closing.T_w_c.p.x() += 5.0;
+  loop.correction.epoch = map.epoch();
+  const auto move = [&](std::size_t i, double by_m) {
+    Transform T_w_m = *map.find(seen[i].id)->T_w_m;
+    T_w_m.p.z() += by_m;
+    loop.correction.markers.push_back({{seen[i].id, 0}, T_w_m, Matrix6d::Zero()});
+  };
+  move(0, 0.02);
+  move(1, 0.04);
+  const Transform T_w_late = map.keyframes().at(newest).T_w_c;
+  Keyframe late = map.keyframes().at(newest);
+  late.id = -1;
+  late.detections = {{seen[0], seen[1]}};
+  const KeyframeId with_both = map.addKeyframe(late);
+  late.detections = {{seen[1]}};
+  const KeyframeId with_one = map.addKeyframe(late);
+  const auto adopted = adopt(loop, &map);
+  ASSERT_TRUE(adopted);
+  EXPECT_NEAR(map.keyframes().at(with_both).T_w_c.p.z() - T_w_late.p.z(), 0.03, 1e-12);
+  EXPECT_NEAR(map.keyframes().at(with_one).T_w_c.p.z() - T_w_late.p.z(), 0.04, 1e-12);
+  EXPECT_NEAR(adopted->T_new_old.p.z(), 0.04, 1e-12) << "the newest says where the camera is";
+  EXPECT_EQ(map.keyframes().at(newest).T_w_c.p, T_w_late.p) << "it was in no part of it";
+}
+
+// Half of the map is off by a centimetre from where its last views have it.
+TEST_F(LoopCloserTest, RelaxesARegionAndLeavesTheRest) {
+  Map map = openMap(24, 0.05);
+  (void)optimizeGlobally(&map, options_, {.max_iterations = 50});
+  const Map before = map;
+  LoopFrame frame;
+  frame.reference = map.keyframes().rbegin()->first;
+  frame.frame = map.keyframes().at(frame.reference);
+  frame.frame.id = -1;
+  const int misfit = frame.frame.detections[0].id;
+  Transform T_w_m = *map.find(misfit)->T_w_m;
+  T_w_m.p.z() += 0.01;
+  map.place(misfit, T_w_m);
+  frame.loop_markers = {misfit};
+  LoopOptions options;
+  options.region_keyframes = 8;
+  const auto outcome =
+      runToCompletion([&](Budget* a) { return relaxRegion(map, frame, options_, options, a); });
+  ASSERT_TRUE(std::holds_alternative<ClosedLoop>(outcome));
+  ASSERT_TRUE(adopt(std::get<ClosedLoop>(outcome), &map));
+  EXPECT_LT((map.find(misfit)->T_w_m->p - before.find(misfit)->T_w_m->p).norm(), 0.001);
+  int moved = 0;
+  for (const auto& [id, keyframe] : before.keyframes()) {
+    if (map.keyframes().at(id).T_w_c.p != keyframe.T_w_c.p) ++moved;
+  }
+  EXPECT_GT(moved, 0);
+  EXPECT_LE(moved, 8);
 }
 
 // The drift that noise itself makes, in a map that is as good as an open chain can be. The closing

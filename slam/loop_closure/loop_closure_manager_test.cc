@@ -300,6 +300,85 @@ TEST_F(LoopClosureManagerTest, WhatTheMapBecameMeanwhileIsKept) {
   EXPECT_LT(keyframeError(kLast), 0.02);
 }
 
+// A marker that was seen a few times, badly, says nothing of a loop: the next keyframe takes it
+// along.
+TEST_F(LoopClosureManagerTest, MarkersHardlySeenCloseNoLoop) {
+  Transform T_w_m = *map_.find(kLoopMarker)->T_w_m;
+  T_w_m.p.z() += 0.01;
+  map_.place(kLoopMarker, T_w_m);
+  const SeenFrame frame = look(kClosing_deg);
+  ASSERT_EQ(frame.markers.loop.size(), 1U);
+  ASSERT_LT(static_cast<int>(map_.viewsOf(kLoopMarker).size()), loops_.sure_views);
+  loops_.region_keyframes = 10;  // for a large map
+  const LoopJunction junction = manager_.closeOrJoin(map_, 1.0, frame.tracked, frame.fitting);
+  EXPECT_TRUE(junction.joins);
+  ASSERT_EQ(junction.joined.size(), 1U);
+  EXPECT_EQ(junction.joined[0].id, kLoopMarker);
+  EXPECT_TRUE(manager_.idle());
+  loops_.sure_views = 1;
+  EXPECT_FALSE(manager_.closeOrJoin(map_, 1.0, frame.tracked, frame.fitting).joins);
+  EXPECT_FALSE(manager_.idle()) << "it is a witness now";
+}
+
+// Where a closure would take long, ends that differ by no more than the map may have drifted are
+// joined, and the map is relaxed around them.
+TEST_F(LoopClosureManagerTest, InALargeMapSmallDriftIsJoined) {
+  Transform T_w_m = *map_.find(kLoopMarker)->T_w_m;
+  T_w_m.p.z() += 0.01;
+  map_.place(kLoopMarker, T_w_m);
+  loops_.region_keyframes = 10;
+  loops_.sure_views = 1;
+  const SeenFrame frame = look(kClosing_deg);
+  EXPECT_FALSE(manager_.closeOrJoin(map_, 1.0, frame.tracked, frame.fitting).joins)
+      << "nothing says that it may have drifted";
+  manager_.cancel();
+  const Matrix6d drift = Matrix6d::Identity() * 0.02 * 0.02;
+  map_.setWorldCovariance(kLoopMarker, drift);
+  const LoopJunction junction = manager_.closeOrJoin(map_, 1.0, frame.tracked, frame.fitting);
+  EXPECT_TRUE(junction.joins);
+  EXPECT_EQ(junction.joined.size(), 1U);
+  EXPECT_FALSE(manager_.idle());
+  EXPECT_LT(workToTheEnd(kBudget), kForever);
+  EXPECT_TRUE(manager_.collect(&map_));
+}
+
+// What was corrected in part is optimized as a whole when there is time.
+TEST_F(LoopClosureManagerTest, InIdleTimeTheWholeMapIsRelaxed) {
+  Transform T_w_m = *map_.find(kLoopMarker)->T_w_m;
+  T_w_m.p.z() += 0.01;
+  map_.place(kLoopMarker, T_w_m);
+  map_.setWorldCovariance(kLoopMarker, Matrix6d::Identity() * 0.02 * 0.02);
+  loops_.region_keyframes = 10;
+  loops_.sure_views = 1;
+  loops_.frames_before_relaxing = 3;
+  const auto idleFrames = [&](int frames) {
+    for (int i = 0; i < frames; ++i) manager_.relaxInIdleTime(map_, true);
+  };
+  idleFrames(10);
+  EXPECT_TRUE(manager_.idle()) << "nothing was corrected";
+  const SeenFrame frame = look(kClosing_deg);
+  ASSERT_TRUE(manager_.closeOrJoin(map_, 1.0, frame.tracked, frame.fitting).joins);
+  EXPECT_LT(workToTheEnd(kBudget), kForever);
+  ASSERT_TRUE(manager_.collect(&map_));
+  const std::uint64_t closures = counters_.loop_closures;
+  idleFrames(2);
+  manager_.relaxInIdleTime(map_, false);
+  idleFrames(2);
+  EXPECT_TRUE(manager_.idle()) << "not so many in a row";
+  idleFrames(1);
+  EXPECT_FALSE(manager_.idle());
+  Map whole = map_;
+  (void)optimizeGlobally(&whole, options_, loops_.optimization);
+  EXPECT_LT(workToTheEnd(kBudget), kForever);
+  EXPECT_TRUE(manager_.collect(&map_));
+  for (const auto& [id, keyframe] : whole.keyframes()) {
+    EXPECT_LT((map_.keyframes().at(id).T_w_c.p - keyframe.T_w_c.p).norm(), 1e-9);
+  }
+  EXPECT_EQ(counters_.loop_closures, closures) << "it is none";
+  idleFrames(10);
+  EXPECT_TRUE(manager_.idle()) << "once is enough";
+}
+
 TEST_F(LoopClosureManagerTest, WhatIsCancelledLeavesNoTrace) {
   bendMap();
   (void)meetLoop();

@@ -74,6 +74,7 @@ bool MapUpdater::screenMarkers(const TrackedFrame& frame, Map* map) {
 // What local optimization leaves is for what is larger than the neighbourhood of a keyframe.
 void MapUpdater::work(double budget, const Map& map) {
   const bool local_only = loops_.idle() && rolling_shutter_->idle(map);
+  loops_.relaxInIdleTime(map, local_only && mapper_.idle());
   const double for_local = local_only ? budget : options_.mapper.work_share * budget;
   const double unspent = std::max(mapper_.work(for_local, map), 0.0);
   const double rest = budget - for_local + unspent;
@@ -92,7 +93,9 @@ FinishedWork MapUpdater::collect(Map* map) {
   };
   add(mapper_.collect(map, counters_));
   add(rolling_shutter_->collect(camera_, options_.loops.optimization, map));
-  finished.loop_closed = add(loops_.collect(map));
+  const std::uint64_t closures = counters_->loop_closures;
+  add(loops_.collect(map));
+  finished.loop_closed = counters_->loop_closures != closures;
   return finished;
 }
 

@@ -10,15 +10,26 @@
 
 namespace waymark::slam {
 
+namespace {
+
+bool fixesWorld(const MarkerOptions& markers, int marker_id) {
+  return markers.origin_marker == marker_id ||
+         std::ranges::find(markers.anchors, marker_id, &Anchor::id) != markers.anchors.end();
+}
+
+}  // namespace
+
 std::string MapperOptions::invalidReason() const {
   return firstReason({
       keyframes.invalidReason(),
       marker_pose.invalidReason(),
       gaps.invalidReason(),
+      local_map.invalidReason(),
       local_optimization.invalidReason(),
       firstUnmet({
           {isShare(work_share), "the share of local optimization must be from 0 to 1"},
           {second_look_views >= 2, "a second look at a marker needs at least 2 views"},
+          {young_views >= 0, "the views of a young marker must not be negative"},
       }),
   });
 }
@@ -61,6 +72,7 @@ void Mapper::insert(const Keyframe& frame, Map* map, Counters* counters) {
     pose(marker.id, marker.T_w_m, marker.other_T_w_m, map);  // Eq. 23
   }
   for (const MarkerDetection& detection : frame.detections) resolve(detection.id, map, counters);
+  for (const MarkerDetection& detection : frame.detections) refineYoung(detection.id, map);
   fixWorld(map);
   (void)cullKeyframes(map, newest, options_.keyframes);
   wanted_ = newest;
@@ -78,7 +90,7 @@ double Mapper::work(double cost, const Map& map) {
     local_keyframe_ = *std::exchange(wanted_, std::nullopt);
     if (!map.keyframes().contains(local_keyframe_)) return cost;
     local_.emplace([&](Budget* budget) {
-      return optimizeSubproblem(map, localMap(map, local_keyframe_), markers_,
+      return optimizeSubproblem(map, localMap(map, local_keyframe_, options_.local_map), markers_,
                                 options_.local_optimization, budget);
     });
   }
@@ -99,6 +111,18 @@ std::optional<Transform> Mapper::collect(Map* map, Counters* counters) {
   residual_sigma_ = correction.summary.residual_sigma;
   counters->gated_views += static_cast<std::uint64_t>(correction.summary.gated_views);
   return T_new_old;
+}
+
+// Until the optimizations come to it, a marker is where its first view has put it.
+void Mapper::refineYoung(int marker_id, Map* map) const {
+  const MapMarker* const marker = map->findPosed(marker_id);
+  const auto views = static_cast<int>(map->viewsOf(marker_id).size());
+  if (fixesWorld(markers_, marker_id) || marker == nullptr || views < 2 ||
+      views > options_.young_views)
+    return;
+  if (const auto T_w_m = optimizeMarker(*map, marker_id, options_.local_optimization)) {
+    pose(marker_id, *T_w_m, marker->other_T_w_m, map);
+  }
 }
 
 // A new pose is as sure as the views that it comes from.

@@ -22,6 +22,7 @@ struct MapperOptions {
   KeyframeOptions keyframes;
   MarkerResolverOptions marker_pose;
   GapMapperOptions gaps;
+  LocalMapOptions local_map;
   // After each keyframe. Few iterations do: the next keyframe's goes on from there.
   BundleOptions local_optimization{.max_iterations = 5, .min_relative_decrease = 1e-3};
   // The share of a frame's work (Options::work_per_frame) that local optimization may take while a
@@ -32,6 +33,10 @@ struct MapperOptions {
   // one; marker_pose.min_views is for markers without a pose. Larger lives longer with a pose that
   // one view has chosen, smaller than two cannot tell the two apart.
   int second_look_views = 2;
+  // With each of its first so many views a marker's pose is optimized by itself, the keyframes
+  // held. More costs time with every keyframe, fewer leaves it where its first view has put it
+  // until an optimization comes to it, and the next views do not fit.
+  int young_views = 8;
 
   // Empty when usable, else what is wrong.
   [[nodiscard]] std::string invalidReason() const;
@@ -74,6 +79,7 @@ class Mapper {
   void pose(int marker_id, const Transform& T_w_m, const std::optional<Transform>& other,
             Map* map) const;
   void resolve(int marker_id, Map* map, Counters* counters) const;
+  void refineYoung(int marker_id, Map* map) const;
   [[nodiscard]] MarkerResolution resolution(int marker_id, int min_views, const Map& map) const;
   void fixWorld(Map* map);
 

@@ -120,6 +120,26 @@ TEST_F(MapperTest, OptimizesInSlicesWhileTheMapGrows) {
   expectTruth(map, view(0).inverse(), 0.02);
 }
 
+// Before any optimization has come to them.
+TEST_F(MapperTest, NewMarkersFollowTheirFirstViews) {
+  const auto errorWith = [&](int young_views) {
+    double squared = 0.0;
+    for (unsigned seed = 0; seed < 20; ++seed) {
+      rng_.seed(seed);
+      Map map;
+      const auto mapper = begun(&map, {.young_views = young_views});
+      for (int i = 1; i < 6; ++i)
+        mapper->insert(frame(i, view(0).inverse(), 0.2), &map, &counters_);
+      for (const auto& [id, marker] : map.markers()) {
+        if (!marker.T_w_m) continue;
+        squared += (marker.T_w_m->p - (view(0).inverse() * truth(id)).p).squaredNorm();
+      }
+    }
+    return std::sqrt(squared);
+  };
+  EXPECT_LT(errorWith(8), 0.7 * errorWith(0));
+}
+
 TEST_F(MapperTest, NothingNewIsNoKeyframeUnlessForced) {
   Map map;
   const auto mapper = begun(&map);

@@ -23,17 +23,19 @@ constexpr double kBlockProduct = 0.04;
 // Of poses that share blocks, as they are eliminated one by one.
 class EliminationGraph {
  public:
-  explicit EliminationGraph(std::vector<std::vector<int>> neighbours)
-      : neighbours_(neighbours), gone_(neighbours_.size(), false) {
-    for (std::size_t i = 0; i < neighbours.size(); ++i) {
-      for (const int j : neighbours[i]) {
-        neighbours_[static_cast<std::size_t>(j)].push_back(static_cast<int>(i));
-      }
+  explicit EliminationGraph(std::size_t poses) : neighbours_(poses), gone_(poses, false) {}
+
+  // Each pair need be named once.
+  void add(int pose, std::span<const int> neighbours) {
+    for (const int j : neighbours) {
+      neighbours_[at(pose)].push_back(j);
+      neighbours_[at(j)].push_back(pose);
     }
-    for (std::size_t i = 0; i < neighbours_.size(); ++i) {
-      sortUnique(&neighbours_[i]);
-      std::erase(neighbours_[i], static_cast<int>(i));
-    }
+  }
+  // Once all of its neighbours have been added.
+  void complete(int pose) {
+    sortUnique(&neighbours_[at(pose)]);
+    std::erase(neighbours_[at(pose)], pose);
   }
 
   // The one with the fewest neighbours. Precondition: one is left.
@@ -61,6 +63,8 @@ class EliminationGraph {
   }
 
  private:
+  static std::size_t at(int pose) { return static_cast<std::size_t>(pose); }
+
   std::vector<std::vector<int>> neighbours_;  // sorted
   std::vector<bool> gone_;
   std::vector<int> merged_;
@@ -72,7 +76,16 @@ Task<Done> BlockSystem::arrange(std::vector<std::vector<int>> neighbours, bool w
                                 Budget* budget) {
   with_globals_ = with_globals;
   const std::size_t poses = neighbours.size();
-  EliminationGraph graph(std::move(neighbours));
+  EliminationGraph graph(poses);
+  for (int i = 0; i < static_cast<int>(poses); ++i) {
+    co_await budget->spend(kMergeEntry * static_cast<double>(neighbours[at(i)].size()));
+    graph.add(i, neighbours[at(i)]);
+    neighbours[at(i)] = {};
+  }
+  for (int i = 0; i < static_cast<int>(poses); ++i) {
+    co_await budget->spend(kColumn);
+    graph.complete(i);
+  }
   position_.assign(poses, -1);
   std::vector<std::vector<int>> columns(poses);  // as poses
   for (std::size_t step = 0; step < poses; ++step) {
@@ -85,13 +98,19 @@ Task<Done> BlockSystem::arrange(std::vector<std::vector<int>> neighbours, bool w
   first_.clear();
   rows_.clear();
   for (std::size_t column = 0; column < poses; ++column) {
+    co_await budget->spend(kColumn);
     first_.push_back(rows_.size());
     rows_.push_back(static_cast<int>(column));
     for (const int pose : columns[column]) rows_.push_back(positionOf(pose));
     std::sort(rows_.begin() + static_cast<std::ptrdiff_t>(first_.back()), rows_.end());
   }
   first_.push_back(rows_.size());
-  blocks_.resize(rows_.size());
+  blocks_.clear();
+  blocks_.reserve(rows_.size());  // takes no time: the memory is touched below
+  for (std::size_t column = 0; column < poses; ++column) {
+    co_await budget->spend(kClearBlock * static_cast<double>(first_[column + 1] - first_[column]));
+    blocks_.resize(first_[column + 1]);
+  }
   right_.resize(poses);
   global_blocks_.resize(with_globals ? poses : 0);
   (void)co_await clear(budget);

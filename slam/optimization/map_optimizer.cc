@@ -14,6 +14,20 @@ MapCorrection optimizeAtOnce(Map* map, SubproblemMembers roles, const MarkerOpti
   return correction;
 }
 
+// One marker, and the keyframes that see it, held.
+BundleProblem problemOfMarker(const Map& map, int marker_id, const Transform& T_w_m) {
+  BundleProblem problem;
+  problem.markers = {{T_w_m, false}};
+  problem.marker_sizes_m = {map.markers().at(marker_id).size_m};
+  for (const KeyframeId id : map.viewsOf(marker_id)) {
+    const Keyframe& keyframe = map.keyframes().at(id);
+    const int camera = static_cast<int>(problem.cameras.size());
+    problem.cameras.push_back({keyframe.T_w_c, true});
+    problem.observations.push_back({camera, 0, keyframe.find(marker_id)});
+  }
+  return problem;
+}
+
 }  // namespace
 
 Task<MapCorrection> optimizeSubproblem(const Map& map, SubproblemMembers roles,
@@ -37,17 +51,19 @@ BundleSummary optimizeGlobally(Map* map, const MarkerOptions& markers,
   return correction.summary;
 }
 
+std::optional<Transform> optimizeMarker(const Map& map, int marker_id,
+                                        const BundleOptions& options) {
+  BundleOptions alone = options;
+  alone.estimate_residual_sigma = false;  // of so few views it says nothing
+  alone.view_chi2 = 0.0;
+  BundleProblem problem = problemOfMarker(map, marker_id, *map.findPosed(marker_id)->T_w_m);
+  const BundleSummary summary = adjustBundle(&problem, alone);
+  return summary.failed ? std::nullopt : std::optional(problem.markers[0].T);
+}
+
 Matrix6d markerCovariance(const Map& map, int marker_id, const Transform& T_w_m,
                           double residual_sigma) {
-  BundleProblem problem;
-  problem.markers = {{T_w_m, false}};
-  problem.marker_sizes_m = {map.markers().at(marker_id).size_m};
-  for (const KeyframeId id : map.viewsOf(marker_id)) {
-    const Keyframe& keyframe = map.keyframes().at(id);
-    const int camera = static_cast<int>(problem.cameras.size());
-    problem.cameras.push_back({keyframe.T_w_c, true});
-    problem.observations.push_back({camera, 0, keyframe.find(marker_id)});
-  }
+  const BundleProblem problem = problemOfMarker(map, marker_id, T_w_m);
   constexpr double kNoKernel = 1e9;  // beyond any residual
   NormalEquations equations;
   const auto whitened = runToCompletion([&](Budget* a) { return whitenCorners(problem, a); });

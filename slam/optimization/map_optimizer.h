@@ -20,6 +20,11 @@ BundleSummary optimizeLocally(Map* map, KeyframeId keyframe, const MarkerOptions
 BundleSummary optimizeGlobally(Map* map, const MarkerOptions& markers,
                                const BundleOptions& options);
 
+// Of one marker, given the keyframes that see it: its views as they are, none left out. Empty where
+// there is no optimum. Precondition: it has a pose.
+[[nodiscard]] std::optional<Transform> optimizeMarker(const Map& map, int marker_id,
+                                                      const BundleOptions& options);
+
 // Of (dp, dtheta) of a marker at T_w_m, given the keyframes that see it and the noise of their
 // whitened residuals. Zero for one that nobody sees. Precondition: the map knows it.
 [[nodiscard]] Matrix6d markerCovariance(const Map& map, int marker_id, const Transform& T_w_m,

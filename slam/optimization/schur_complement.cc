@@ -13,6 +13,7 @@ namespace {
 constexpr double kPose = 0.15;
 constexpr double kView = 0.08;
 constexpr double kViewPair = 0.05;
+constexpr double kNoteView = 0.03;
 
 Matrix6d damped(const Matrix6d& H, double lambda) {
   Matrix6d result = H;
@@ -45,14 +46,17 @@ Task<Done> SchurComplement::arrange(const BundleProblem& problem, Budget* budget
   goes_.assign(gone.size(), false);
   std::vector<std::vector<std::size_t>> seen(gone.size());
   for (std::size_t o = 0; o < problem.ties(); ++o) {
+    co_await budget->spend(kNoteView);
     const std::size_t e = goneOf(problem.tie(o));
     if (gone[e].fixed) continue;
     goes_[e] = true;
     if (index[keptOf(problem.tie(o))] >= 0) seen[e].push_back(o);
   }
   std::vector<std::vector<int>> neighbours(at(unknowns));
+  std::size_t places = 0;
   for (const auto& views : seen) {
     co_await budget->spend(kPose + 0.1 * kViewPair * pairs(views.size()));
+    places += views.size() * (views.size() + 1) / 2;
     for (const std::size_t a : views) {
       const int i = index[keptOf(problem.tie(a))];
       for (const std::size_t b : views) {
@@ -72,6 +76,7 @@ Task<Done> SchurComplement::arrange(const BundleProblem& problem, Budget* budget
   views_.clear();
   places_.clear();
   views_.reserve(problem.ties());
+  places_.reserve(places);
   const auto positionOf = [&](std::size_t o) { return position_[keptOf(problem.tie(o))]; };
   for (auto& observations : seen) {
     co_await budget->spend(kPose + 0.5 * kViewPair * pairs(observations.size()));

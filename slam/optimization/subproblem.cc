@@ -1,11 +1,14 @@
 #include "slam/optimization/subproblem.h"
 
 #include <algorithm>
+#include <functional>
+#include <set>
 #include <utility>
 
 #include <Eigen/LU>
 
 #include "base/sorted.h"
+#include "slam/option_checks.h"
 
 namespace waymark::slam {
 namespace {
@@ -36,8 +39,12 @@ void addKeyframes(const Map& map, std::span<const SubproblemMembers::Role> roles
                   const MarkerOptions& markers, Subproblem* part) {
   const bool first_is_world = !markers.origin_marker && markers.anchors.empty();
   const KeyframeId first = map.keyframes().empty() ? -1 : map.keyframes().begin()->first;
+  part->problem.cameras.reserve(roles.size());
+  part->keyframes.reserve(roles.size());
+  auto next = map.keyframes().begin();
   for (const auto& [id, held] : roles) {
-    const Keyframe& keyframe = map.keyframes().at(id);
+    if (next == map.keyframes().end() || next->first != id) next = map.keyframes().find(id);
+    const Keyframe& keyframe = (next++)->second;
     const auto takesPart = [&](int marker) { return part->markerIndex(marker) >= 0; };
     const bool sees_some =
         std::ranges::any_of(keyframe.detections, takesPart, &MarkerDetection::id) ||
@@ -56,7 +63,90 @@ void addLinks(const Keyframe& keyframe, int camera, Subproblem* part) {
   }
 }
 
+struct Viewer {
+  KeyframeId id = -1;
+  int markers = 0;  // of those that are asked for
+};
+
+// views: a keyframe for each marker it sees; sorted here. Ascending.
+std::vector<Viewer> countedViewers(std::vector<KeyframeId>* views) {
+  std::ranges::sort(*views);
+  std::vector<Viewer> viewers;
+  for (const KeyframeId id : *views) {
+    if (viewers.empty() || viewers.back().id != id) viewers.push_back({id, 0});
+    ++viewers.back().markers;
+  }
+  return viewers;
+}
+
+// And the newest of those that see as many.
+void sortMostFirst(std::vector<Viewer>* viewers) {
+  std::ranges::sort(*viewers, std::greater(),
+                    [](const Viewer& viewer) { return std::pair(viewer.markers, viewer.id); });
+}
+
+// Of the keyframes that share a marker with the given one so many that share the most, the newest
+// first; ascending, itself among them.
+std::vector<KeyframeId> nearest(const Map& map, KeyframeId keyframe, int keyframes) {
+  std::vector<KeyframeId> views;  // once for each marker they share
+  for (const MarkerDetection& detection : map.keyframes().at(keyframe).detections) {
+    const auto of_marker = map.viewsOf(detection.id);
+    views.insert(views.end(), of_marker.begin(), of_marker.end());
+  }
+  std::vector<Viewer> viewers = countedViewers(&views);
+  std::erase_if(viewers, [&](const Viewer& viewer) { return viewer.id == keyframe; });
+  if (static_cast<int>(viewers.size()) >= keyframes) {
+    sortMostFirst(&viewers);
+    viewers.resize(static_cast<std::size_t>(keyframes) - 1);
+  }
+  std::vector<KeyframeId> near{keyframe};
+  for (const Viewer& viewer : viewers) near.push_back(viewer.id);
+  std::ranges::sort(near);
+  return near;
+}
+
+// Other keyframes that see the markers: so many for each of them, those that see the most of them
+// first.
+std::vector<KeyframeId> holders(const Map& map, std::span<const int> markers,
+                                std::span<const KeyframeId> near, int per_marker) {
+  std::vector<KeyframeId> views;
+  for (const int id : markers) {
+    if (map.findPosed(id) == nullptr) continue;
+    const auto of_marker = map.viewsOf(id);
+    views.insert(views.end(), of_marker.begin(), of_marker.end());
+  }
+  std::vector<Viewer> candidates = countedViewers(&views);
+  std::erase_if(candidates,
+                [&](const Viewer& viewer) { return std::ranges::binary_search(near, viewer.id); });
+  sortMostFirst(&candidates);
+  std::vector<int> held(markers.size(), 0);
+  std::vector<KeyframeId> holders;
+  for (const Viewer& candidate : candidates) {
+    bool wanted = false;
+    const auto& detections = map.keyframes().at(candidate.id).detections;
+    const auto each = [&](const auto& take) {
+      for (const MarkerDetection& detection : detections) {
+        const auto found = std::ranges::lower_bound(markers, detection.id);
+        if (found == markers.end() || *found != detection.id) continue;
+        take(held[static_cast<std::size_t>(found - markers.begin())]);
+      }
+    };
+    each([&](int& count) { wanted = wanted || count < per_marker; });
+    if (!wanted) continue;
+    each([](int& count) { ++count; });
+    holders.push_back(candidate.id);
+  }
+  return holders;
+}
+
 }  // namespace
+
+std::string LocalMapOptions::invalidReason() const {
+  return firstUnmet({
+      {max_keyframes >= 1, "a local optimization needs at least 1 keyframe"},
+      {held_views >= 1, "a local optimization needs at least 1 held view of a marker"},
+  });
+}
 
 int Subproblem::markerIndex(int id) const {
   const auto found = std::ranges::lower_bound(markers, id, {}, &Marker::id);
@@ -72,8 +162,8 @@ SubproblemMembers wholeMap(const Map& map) {
   return roles;
 }
 
-SubproblemMembers localMap(const Map& map, KeyframeId keyframe) {
-  const std::vector<KeyframeId> near = map.neighbours(keyframe);
+SubproblemMembers localMap(const Map& map, KeyframeId keyframe, const LocalMapOptions& options) {
+  const std::vector<KeyframeId> near = nearest(map, keyframe, options.max_keyframes);
   SubproblemMembers roles;
   roles.markers = map.markersSeenFrom(near);
   for (const KeyframeId id : near) {
@@ -82,16 +172,33 @@ SubproblemMembers localMap(const Map& map, KeyframeId keyframe) {
     }
   }
   sortUnique(&roles.markers);
-  std::vector<KeyframeId> views;
-  for (const int id : roles.markers) {
-    if (map.findPosed(id) == nullptr) continue;
-    const auto of_marker = map.viewsOf(id);
-    views.insert(views.end(), of_marker.begin(), of_marker.end());
+  for (const KeyframeId id : near) roles.keyframes.push_back({id, false});
+  for (const KeyframeId id : holders(map, roles.markers, near, options.held_views)) {
+    roles.keyframes.push_back({id, true});
   }
-  views.insert(views.end(), near.begin(), near.end());
-  sortUnique(&views);
-  for (const KeyframeId id : views) {
-    roles.keyframes.push_back({id, !std::ranges::binary_search(near, id)});
+  std::ranges::sort(roles.keyframes, {}, &SubproblemMembers::Role::keyframe);
+  return roles;
+}
+
+SubproblemMembers regionAround(const Map& map, std::span<const KeyframeId> seeds, int keyframes) {
+  std::vector<KeyframeId> inside(seeds.begin(), seeds.end());  // as they were come to
+  sortUnique(&inside);
+  std::set<KeyframeId> known(inside.begin(), inside.end());  // and those that are held
+  std::set<int> markers;
+  for (std::size_t i = 0; i < inside.size(); ++i) {
+    for (const MarkerDetection& detection : map.keyframes().at(inside[i]).detections) {
+      if (!markers.insert(detection.id).second) continue;
+      for (const KeyframeId view : map.viewsOf(detection.id)) {
+        if (!known.insert(view).second) continue;
+        if (static_cast<int>(inside.size()) < keyframes) inside.push_back(view);
+      }
+    }
+  }
+  std::ranges::sort(inside);
+  SubproblemMembers roles;
+  roles.markers.assign(markers.begin(), markers.end());
+  for (const KeyframeId id : known) {
+    roles.keyframes.push_back({id, !std::ranges::binary_search(inside, id)});
   }
   return roles;
 }

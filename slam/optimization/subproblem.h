@@ -6,6 +6,8 @@
 #include <cstddef>
 #include <cstdint>
 #include <optional>
+#include <span>
+#include <string>
 #include <vector>
 
 #include "base/task.h"
@@ -30,6 +32,16 @@ struct Subproblem {
   [[nodiscard]] int markerIndex(int id) const;
 };
 
+// How large a local optimization may be. Where many keyframes see the same markers, all of them
+// would take so long that the camera is elsewhere by then.
+struct LocalMapOptions {
+  int max_keyframes = 40;  // not held; more bend less, and take longer
+  int held_views = 12;     // of each marker; more hold it better where many have seen it
+
+  // Empty when usable, else what is wrong.
+  [[nodiscard]] std::string invalidReason() const;
+};
+
 // Who takes part, and who is held where it is.
 struct SubproblemMembers {
   struct Role {
@@ -43,8 +55,14 @@ struct SubproblemMembers {
 // All of it.
 [[nodiscard]] SubproblemMembers wholeMap(const Map& map);
 // Section 4.7: the keyframes that share a marker with the given one (Eq. 30) and the markers they
-// see (Eq. 31); other keyframes that see those markers are held (Eq. 32). Precondition: it exists.
-[[nodiscard]] SubproblemMembers localMap(const Map& map, KeyframeId keyframe);
+// see (Eq. 31); other keyframes that see those markers are held (Eq. 32): as many of each as the
+// options allow, those that share the most first. Precondition: it exists.
+[[nodiscard]] SubproblemMembers localMap(const Map& map, KeyframeId keyframe,
+                                         const LocalMapOptions& options = {});
+// So many keyframes, those that the fewest steps from marker to keyframe lead to from the given
+// ones; others that see their markers are held. Precondition: these exist.
+[[nodiscard]] SubproblemMembers regionAround(const Map& map, std::span<const KeyframeId> seeds,
+                                             int keyframes);
 // The newest keyframes and what they see; the oldest of them is held.
 [[nodiscard]] SubproblemMembers newestMap(const Map& map, int keyframes);
 

@@ -96,6 +96,41 @@ TEST(SubproblemMembers, OfTheLocalMap) {
   EXPECT_TRUE(of(of_4, true).empty());
 }
 
+// Where many see the same markers.
+TEST(SubproblemMembers, OfALocalMapThatIsTooLarge) {
+  Map map = chain();
+  const auto see = [&](std::vector<int> ids) {
+    Keyframe keyframe;
+    for (const int id : ids) keyframe.detections.push_back(seen(id));
+    return map.addKeyframe(keyframe);
+  };
+  const KeyframeId often = see({2, 3, 4});
+  const KeyframeId newest = see({2, 3});
+  const SubproblemMembers two = localMap(map, newest, {.max_keyframes = 2, .held_views = 1});
+  EXPECT_EQ(of(two, false), (Keyframes{often, newest})) << "as 1, but newer";
+  EXPECT_EQ(two.markers, (std::vector<int>{2, 3, 4}));
+  EXPECT_EQ(of(two, true), (Keyframes{1, 2})) << "1 holds 2 and 3, and 2 holds 4";
+  const SubproblemMembers of_two_views =
+      localMap(map, newest, {.max_keyframes = 2, .held_views = 2});
+  EXPECT_EQ(of(of_two_views, true), (Keyframes{0, 1, 2, 3}));
+  EXPECT_EQ(of(localMap(map, newest, {.max_keyframes = 3, .held_views = 1}), false),
+            (Keyframes{1, often, newest}));
+}
+
+TEST(SubproblemMembers, OfTheRegionAroundKeyframes) {
+  const Map map = chain();
+  const std::vector<KeyframeId> seeds = {0};
+  const SubproblemMembers two = regionAround(map, seeds, 2);
+  EXPECT_EQ(of(two, false), (Keyframes{0, 1}));
+  EXPECT_EQ(two.markers, (std::vector<int>{1, 2, 3}));
+  EXPECT_EQ(of(two, true), (Keyframes{2}));
+  const SubproblemMembers all_it_leads_to = regionAround(map, seeds, 100);
+  EXPECT_EQ(of(all_it_leads_to, false), (Keyframes{0, 1, 2, 3, 5}));
+  EXPECT_TRUE(of(all_it_leads_to, true).empty());
+  const std::vector<KeyframeId> both_ends = {4, 0, 4};
+  EXPECT_EQ(of(regionAround(map, both_ends, 3), false), (Keyframes{0, 1, 4}));
+}
+
 TEST(SubproblemMembers, OfTheNewestKeyframes) {
   const Map map = chain();
   const SubproblemMembers three = newestMap(map, 3);

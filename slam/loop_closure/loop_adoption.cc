@@ -1,0 +1,126 @@
+#include "slam/loop_closure/loop_adoption.h"
+
+#include <algorithm>
+#include <map>
+#include <utility>
+#include <vector>
+
+namespace waymark::slam {
+namespace {
+
+// What becomes of poses, T_new_old: of the markers, and of the keyframes that came since. What is
+// not in it stays where it is, or is in the correction.
+struct Motions {
+  std::map<int, Transform> markers;
+  std::map<KeyframeId, Transform> keyframes;
+};
+
+// Of the markers that hang where they did when the closing began.
+Motions motionsOf(const MapCorrection& correction, const Map& map) {
+  Motions motions;
+  for (const auto& corrected : correction.markers) {
+    const MapMarker* const known = map.findPosed(corrected.marker.id);
+    if (known == nullptr || known->former_poses.size() != corrected.marker.former_poses) continue;
+    motions.markers.emplace_hint(motions.markers.end(), known->id,
+                                 corrected.T_w_m * known->T_w_m->inverse());
+  }
+  return motions;
+}
+
+// A keyframe that came since moves as the markers do that it sees, on average; one that sees none
+// that move goes with the others. Markers that are new move as the first keyframe does that sees
+// them.
+void addWhatCameSince(KeyframeId newest, const Transform& T_of_others, const Map& map,
+                      Motions* motions) {
+  std::vector<Transform> ends;
+  for (auto it = map.keyframes().upper_bound(newest); it != map.keyframes().end(); ++it) {
+    const auto& [id, keyframe] = *it;
+    ends.clear();
+    for (const MarkerDetection& detection : keyframe.detections) {
+      const auto motion = motions->markers.find(detection.id);
+      if (motion != motions->markers.end()) ends.push_back(motion->second * keyframe.T_w_c);
+    }
+    const Transform T_new_old =
+        ends.empty() ? T_of_others : meanTransform(ends) * keyframe.T_w_c.inverse();
+    motions->keyframes.emplace_hint(motions->keyframes.end(), id, T_new_old);
+    for (const MarkerDetection& detection : keyframe.detections) {
+      if (map.viewsOf(detection.id).front() > newest) {
+        motions->markers.try_emplace(detection.id, T_new_old);
+      }
+    }
+  }
+}
+
+// Of a keyframe; empty for one that stays.
+std::optional<Transform> motionOf(KeyframeId id, const MapCorrection& correction,
+                                  const Motions& motions, const Map& map) {
+  const auto since = motions.keyframes.find(id);
+  if (since != motions.keyframes.end()) return since->second;
+  const auto corrected =
+      std::ranges::lower_bound(correction.keyframes, id, {}, &MapCorrection::KeyframePose::id);
+  if (corrected == correction.keyframes.end() || corrected->id != id) return std::nullopt;
+  return corrected->T_w_c * map.keyframes().at(id).T_w_c.inverse();
+}
+
+// Markers that were given a pose since, by keyframes that were there.
+void addPosedSince(const MapCorrection& correction, const Map& map, Motions* motions) {
+  for (const auto& [id, marker] : map.markers()) {
+    if (!marker.T_w_m || motions->markers.contains(id) || map.viewsOf(id).empty()) continue;
+    const auto motion = motionOf(map.viewsOf(id).front(), correction, *motions, map);
+    if (motion) motions->markers.emplace(id, *motion);
+  }
+}
+
+void move(const Motions& motions, Map* map) {
+  for (const auto& [id, T_new_old] : motions.keyframes) {
+    map->setKeyframePose(id, T_new_old * map->keyframes().at(id).T_w_c);
+  }
+  for (const auto& [id, T_new_old] : motions.markers) {
+    const MapMarker* const marker = map->findPosed(id);
+    if (marker == nullptr) continue;
+    const auto other =
+        marker->other_T_w_m ? std::optional(T_new_old * *marker->other_T_w_m) : std::nullopt;
+    map->place(id, T_new_old * *marker->T_w_m, other, marker->covariance);
+  }
+}
+
+// Puts the correction into the map. T_of_others: of what came since and sees nothing that moves.
+// Where the newest keyframe went, T_new_old.
+Transform correct(const MapCorrection& correction, KeyframeId newest, const Transform& T_of_others,
+                  Map* map) {
+  Motions motions = motionsOf(correction, *map);
+  addWhatCameSince(newest, T_of_others, *map, &motions);
+  addPosedSince(correction, *map, &motions);
+  move(motions, map);
+  (void)apply(correction, map);  // exactly
+  map->beginEpoch();
+  return motions.keyframes.empty() ? T_of_others : motions.keyframes.rbegin()->second;
+}
+
+}  // namespace
+
+std::optional<AdoptedLoop> adopt(const ClosedLoop& loop, Map* map) {
+  if (loop.correction.epoch != map->epoch()) return std::nullopt;
+  const Transform T_with_closing = loop.closing.T_w_c * loop.T_w_tracked.inverse();
+  AdoptedLoop adopted;
+  adopted.T_new_old = correct(loop.correction, loop.newest, T_with_closing, map);
+  Keyframe closing = loop.closing;
+  closing.detections.change([&](auto* detections) {
+    std::erase_if(*detections,
+                  [&](const MarkerDetection& d) { return map->find(d.id) == nullptr; });
+  });
+  adopted.closing = map->addKeyframe(std::move(closing));
+  return adopted;
+}
+
+std::optional<Transform> adopt(const RelaxedMap& relaxed, Map* map) {
+  const MapCorrection& correction = relaxed.correction;
+  if (correction.epoch != map->epoch() || correction.keyframes.empty()) return std::nullopt;
+  const auto last = map->keyframes().find(correction.keyframes.back().id);
+  const Transform T_of_last = last == map->keyframes().end() ? Transform{}
+                                                             : correction.keyframes.back().T_w_c *
+                                                                   last->second.T_w_c.inverse();
+  return correct(correction, relaxed.newest, T_of_last, map);
+}
+
+}  // namespace waymark::slam
