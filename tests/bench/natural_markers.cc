@@ -40,6 +40,7 @@ struct Arguments {
   std::vector<std::string> kinds = {"sift", "brisk", "akaze", "orb"};
   std::vector<int> numbers = {1, 20, 100};  // of pictures known
   std::vector<std::string> images;          // on the wall instead of made-up posters
+  double scale = slam::PictureFinderOptions{}.image_scale;
   bool verbose = false;
 };
 
@@ -381,6 +382,7 @@ void compareKinds(const Arguments& arguments, const Wall& wall, const Wall& smal
     const std::vector<NaturalMarker> markers = setOf(arguments, kKnown, kind);
     slam::PictureFinderOptions options;
     options.features.kind = kind;
+    options.image_scale = arguments.scale;
     slam::PictureFinder finder(markers, options);
     Tally all;
     printHeader("kind");
@@ -403,8 +405,10 @@ void compareNumbers(const Arguments& arguments, const Wall& wall) {
   printHeader("known");
   for (const int number : arguments.numbers) {
     const std::int64_t before = threadCpuNs();
+    slam::PictureFinderOptions options;
+    options.image_scale = arguments.scale;
     slam::PictureFinder finder(
-        std::span<const NaturalMarker>(markers).first(static_cast<std::size_t>(number)));
+        std::span<const NaturalMarker>(markers).first(static_cast<std::size_t>(number)), options);
     const double index_ms = static_cast<double>(threadCpuNs() - before) / kNsPerMs;
     const auto targets = static_cast<std::size_t>(std::min(number, kKnown));
     printRow(std::to_string(number), ordinary.name,
@@ -443,6 +447,9 @@ int main(int argc, char** argv) {
       ->delimiter(',')
       ->check(CLI::Range(1, 10'000));
   app.add_option("--images", arguments.images, "Pictures to hang before made-up posters");
+  app.add_option("--scale", arguments.scale, "Part of the image's size that is searched")
+      ->capture_default_str()
+      ->check(CLI::Range(0.1, 1.0));
   app.add_flag("--verbose", arguments.verbose, "Each wrong one, each large error");
   if (const auto exit_code = bench::parse(app, argc, argv)) return *exit_code;
   return bench::run(arguments);

@@ -14,14 +14,25 @@ namespace {
 
 constexpr float kNone = std::numeric_limits<float>::quiet_NaN();
 
-// d pixel of the level / d delta of T_c_p, of a point at p_c in the camera's frame.
-Matrix26d pixelJacobian(const Transform& T_c_p, const Eigen::Vector3d& p_c,
-                        const CameraModel& camera, int level) {
-  Eigen::Matrix2d J_lens;
-  (void)camera.distort(p_c.head<2>() / p_c.z(), &J_lens);
-  const Matrix26d J = markerJacobian(T_c_p, p_c, projectionJacobian(Transform{}, p_c));
-  return J_lens * J / static_cast<double>(1 << level);
-}
+bool isSame(const Transform& a, const Transform& b) { return a.R == b.R && a.p == b.p; }
+
+// Blocks are met again and again in turn: a look at the last one spares most searches.
+class BlockFinder {
+ public:
+  explicit BlockFinder(int block_px) : block_px_(block_px) {}
+  // True where the pixel is in another block than the one before it.
+  bool moveTo(const PhotometricPixel& pixel) {
+    const std::pair<int, int> next(pixel.row / block_px_, pixel.column / block_px_);
+    if (next == place_) return false;
+    place_ = next;
+    return true;
+  }
+  [[nodiscard]] const std::pair<int, int>& place() const { return place_; }
+
+ private:
+  int block_px_;
+  std::pair<int, int> place_{-1, -1};
+};
 
 double sigmaOf(std::vector<float> sizes) {
   constexpr double kSigmaPerMedian = 1.4826;
@@ -62,11 +73,13 @@ double PixelBlock::correlation() const {
 
 PhotometricFit::PhotometricFit(const ExpectedPicture& expected, const std::vector<float>& blurred,
                                double inside_px, const Transform& T_c_p, const CameraModel& camera,
-                               const GreyLevels& image)
-    : camera_(camera), image_(image), level_(expected.level) {
+                               const GreyLevels& image, Unknowns unknowns)
+    : image_(&image), expected_T_c_p_(T_c_p) {
+  const double shrink = 1.0 / static_cast<double>(1 << expected.level);
   const auto inside = static_cast<float>(inside_px);
-  for (int y = 1; y + 1 < expected.height; ++y) {
-    for (int x = 1; x + 1 < expected.width; ++x) {
+  const int step = unknowns == Unknowns::kAll ? 1 : 2;
+  for (int y = 1; y + 1 < expected.height; y += step) {
+    for (int x = 1; x + 1 < expected.width; x += step) {
       const std::size_t i = expected.index(x, y);
       if (!(expected.inside_px[i] >= inside)) continue;
       const float* above = blurred.data() + expected.index(x, y - 1);
@@ -77,7 +90,13 @@ PhotometricFit::PhotometricFit(const ExpectedPicture& expected, const std::vecto
       pixel.on_print << expected.on_print[i].cast<double>(), 0.0;
       const Eigen::Vector3d p_c = T_c_p * pixel.on_print;
       if (p_c.z() < kNearestDepth) continue;
-      pixel.J = gradient * pixelJacobian(T_c_p, p_c, camera, expected.level);
+      if (unknowns == Unknowns::kAll) {
+        pixel.expected_at = p_c.head<2>() / p_c.z();
+        (void)camera.distort(pixel.expected_at, &pixel.lens);
+        pixel.lens *= shrink;
+        pixel.J = (gradient * pixel.lens) *
+                  markerJacobian(T_c_p, p_c, projectionJacobian(Transform{}, p_c));
+      }
       pixel.blur_J << 0.5F * (here[1] - 2.0F * here[0] + here[-1]),
           0.25F * (below[1] - below[-1] - above[1] + above[-1]),
           0.5F * (below[0] - 2.0F * here[0] + above[0]);
@@ -91,27 +110,43 @@ PhotometricFit::PhotometricFit(const ExpectedPicture& expected, const std::vecto
   }
 }
 
-void PhotometricFit::computeResiduals(const Transform& T_c_p, const Light& light) {
+void PhotometricFit::see(const Transform& T_c_p) {
+  if (seen_from_ && isSame(T_c_p, *seen_from_)) return;
+  seen_from_ = T_c_p;
   seen_.resize(pixels_.size());
-  residuals_.resize(pixels_.size());
-  const double scale = 1.0 / static_cast<double>(1 << level_);
-  const double shift = 0.5 * scale - 0.5;
-  const float last_x = static_cast<float>(image_.width) - 1.0F;
-  const float last_y = static_cast<float>(image_.height) - 1.0F;
+  if (isSame(T_c_p, expected_T_c_p_)) {
+    for (std::size_t i = 0; i < pixels_.size(); ++i) {
+      seen_[i] = image_->row(pixels_[i].row)[pixels_[i].column];
+    }
+    return;
+  }
+  const float last_x = static_cast<float>(image_->width) - 1.0F;
+  const float last_y = static_cast<float>(image_->height) - 1.0F;
   for (std::size_t i = 0; i < pixels_.size(); ++i) {
     const PhotometricPixel& pixel = pixels_[i];
     const Eigen::Vector3d p_c = T_c_p * pixel.on_print;
     seen_[i] = kNone;
-    residuals_[i] = kNone;
     if (p_c.z() < kNearestDepth) continue;
-    const Eigen::Vector2d at = camera_.distort(p_c.head<2>() / p_c.z());
-    const auto x = static_cast<float>(scale * at.x() + shift);
-    const auto y = static_cast<float>(scale * at.y() + shift);
+    const Eigen::Vector2d moved = pixel.lens * (p_c.head<2>() / p_c.z() - pixel.expected_at);
+    const auto x = static_cast<float>(pixel.column + moved.x());
+    const auto y = static_cast<float>(pixel.row + moved.y());
     if (!(x >= 0.0F && y >= 0.0F && x <= last_x && y <= last_y)) continue;
-    seen_[i] = image_.at(x, y);
+    seen_[i] = image_->at(x, y);
+  }
+}
+
+void PhotometricFit::compare(const Light& light) {
+  residuals_.resize(pixels_.size());
+  for (std::size_t i = 0; i < pixels_.size(); ++i) {
+    const PhotometricPixel& pixel = pixels_[i];
     const double expected = light[0] + gainAt(pixel, light) * pixel.expected;
     residuals_[i] = seen_[i] - static_cast<float>(expected);
   }
+}
+
+void PhotometricFit::computeResiduals(const Transform& T_c_p, const Light& light) {
+  see(T_c_p);
+  compare(light);
 }
 
 Light PhotometricFit::fitLight(const Transform& T_c_p, double outlier_sigmas) {
@@ -132,10 +167,14 @@ Light PhotometricFit::fitLight(const Transform& T_c_p, double outlier_sigmas) {
       const double weight = round == 0 ? 1.0 : tukeyWeight(r * r / (cutoff * cutoff));
       if (weight <= 0.0) continue;
       const Light row = lightTerms(pixels_[i]);
-      A.selfadjointView<Eigen::Lower>().rankUpdate(row, weight);
-      b += weight * seen_[i] * row;
+      if (terms == 2) {
+        A.topLeftCorner<2, 2>() += weight * row.head<2>() * row.head<2>().transpose();
+        b.head<2>() += weight * seen_[i] * row.head<2>();
+      } else {
+        A.noalias() += row * (weight * row).transpose();
+        b += weight * seen_[i] * row;
+      }
     }
-    A = A.selfadjointView<Eigen::Lower>();
     constexpr double kRidge = 1e-6;  // where the print leaves a term open
     A.diagonal() += kRidge * A.diagonal() + Light::Constant(1e-9);
     light.setZero();
@@ -149,12 +188,14 @@ Light PhotometricFit::fitLight(const Transform& T_c_p, double outlier_sigmas) {
 }
 
 PixelBlocks PhotometricFit::blocks(const Transform& T_c_p, int block_px) {
-  computeResiduals(T_c_p, Light::Zero());
+  see(T_c_p);
   PixelBlocks blocks;
+  BlockFinder finder(block_px);
+  PixelBlock* block = nullptr;
   for (std::size_t i = 0; i < pixels_.size(); ++i) {
     if (!std::isfinite(seen_[i])) continue;
-    blocks[{pixels_[i].row / block_px, pixels_[i].column / block_px}].add(pixels_[i].expected,
-                                                                          seen_[i]);
+    if (finder.moveTo(pixels_[i])) block = &blocks[finder.place()];
+    block->add(pixels_[i].expected, seen_[i]);
   }
   return blocks;
 }
@@ -163,17 +204,26 @@ void PhotometricFit::leaveOutHidden(const Transform& T_c_p, int block_px, double
                                     double correlation) {
   constexpr double kLeastLeft = 0.2;  // of the pixels
   const PixelBlocks all = blocks(T_c_p, block_px);
-  std::vector<PhotometricPixel> left;
-  for (const PhotometricPixel& pixel : pixels_) {
-    const auto block = all.find({pixel.row / block_px, pixel.column / block_px});
-    if (block == all.end()) continue;
-    const bool texture = block->second.contrast() >= contrast;
-    if (texture && block->second.correlation() < correlation) continue;
-    left.push_back(pixel);
+  std::vector<std::size_t> left;
+  left.reserve(pixels_.size());
+  BlockFinder finder(block_px);
+  bool shown = false;
+  for (std::size_t i = 0; i < pixels_.size(); ++i) {
+    if (finder.moveTo(pixels_[i])) {
+      const auto block = all.find(finder.place());
+      shown = block != all.end() &&
+              (block->second.contrast() < contrast || block->second.correlation() >= correlation);
+    }
+    if (shown) left.push_back(i);
   }
   if (static_cast<double>(left.size()) < kLeastLeft * static_cast<double>(pixels_.size())) return;
-  pixels_ = std::move(left);
-  computeResiduals(T_c_p, Light::Zero());
+  for (std::size_t k = 0; k < left.size(); ++k) {
+    pixels_[k] = pixels_[left[k]];
+    seen_[k] = seen_[left[k]];
+  }
+  pixels_.resize(left.size());
+  seen_.resize(left.size());
+  compare(Light::Zero());
 }
 
 double PhotometricFit::robustSigma() const {
@@ -211,10 +261,9 @@ void PhotometricFit::normalEquations(const Light& light, double cutoff, Photomet
     const double weight = tukeyWeight(r * r / (cutoff * cutoff));
     if (weight <= 0.0) continue;
     const PhotometricVector row = jacobian(i, light);
-    A->selfadjointView<Eigen::Lower>().rankUpdate(row, weight);
+    A->noalias() += row * (weight * row).transpose();
     *b += weight * r * row;
   }
-  *A = A->selfadjointView<Eigen::Lower>();
 }
 
 Eigen::Vector3d PhotometricFit::blurStep(const Light& light, double cutoff) const {

@@ -3,6 +3,7 @@
 
 #include <cstdint>
 #include <map>
+#include <optional>
 #include <utility>
 #include <vector>
 
@@ -26,7 +27,11 @@ using PhotometricMatrix = Eigen::Matrix<double, kPhotometricUnknowns, kPhotometr
 
 // A pixel that is compared.
 struct PhotometricPixel {
-  Eigen::Vector3d on_print;       // metres, z = 0
+  Eigen::Vector3d on_print;  // metres, z = 0
+  // Where it is expected, normalized, and the lens there: d pixel of the level / d normalized. What
+  // moves by a few pixels is taken to it by this; at the expected pose itself it is exact.
+  Eigen::Vector2d expected_at;
+  Eigen::Matrix2d lens;
   Eigen::Matrix<double, 1, 6> J;  // d expected / d pose, grey levels
   // d expected / d blur's covariance (xx, xy, yy), grey levels per pixel squared of the level:
   // half the second derivatives, as heat flows.
@@ -52,11 +57,16 @@ using PixelBlocks = std::map<std::pair<int, int>, PixelBlock>;
 
 class PhotometricFit {
  public:
+  // kLightAndBlur: the pose stays the expected one, its derivatives are left out, and three of four
+  // pixels with them.
+  enum class Unknowns { kAll, kLightAndBlur };
+
   // Of `blurred`, an expected picture with its grey levels blurred like the image, the pixels that
-  // lie at least inside_px within the print. T_c_p: the pose it is expected from.
+  // lie at least inside_px within the print. T_c_p: the pose it is expected from. `image` must
+  // outlive it, and have all the pixels of the expected one's box.
   PhotometricFit(const ExpectedPicture& expected, const std::vector<float>& blurred,
                  double inside_px, const Transform& T_c_p, const CameraModel& camera,
-                 const GreyLevels& image);
+                 const GreyLevels& image, Unknowns unknowns = Unknowns::kAll);
 
   [[nodiscard]] const std::vector<PhotometricPixel>& pixels() const { return pixels_; }
   // Of the last computeResiduals(); not a number where the image ends.
@@ -64,7 +74,7 @@ class PhotometricFit {
   [[nodiscard]] const std::vector<float>& residuals() const { return residuals_; }
 
   // Fills seen(), what the image has where the pixels are from T_c_p, and residuals(), that less
-  // what is expected in this light.
+  // what is expected in this light. With kLightAndBlur T_c_p must be the expected one.
   void computeResiduals(const Transform& T_c_p, const Light& light);
   // The light that explains what is seen from T_c_p, by least squares with Tukey's weights.
   [[nodiscard]] Light fitLight(const Transform& T_c_p, double outlier_sigmas);
@@ -88,9 +98,12 @@ class PhotometricFit {
   [[nodiscard]] Eigen::Vector3d blurStep(const Light& light, double cutoff) const;
 
  private:
-  const CameraModel& camera_;
-  const GreyLevels& image_;
-  int level_;
+  void see(const Transform& T_c_p);
+  void compare(const Light& light);
+
+  const GreyLevels* image_;
+  Transform expected_T_c_p_;
+  std::optional<Transform> seen_from_;  // the pose that seen_ is of
   std::vector<PhotometricPixel> pixels_;
   std::vector<float> seen_;
   std::vector<float> residuals_;

@@ -92,17 +92,18 @@ std::optional<ExpectedPicture> expectAt(const Subject& subject, const State& sta
   return expectPicture(subject.marker, state.T_c_p, level, margin_px, subject.rays);
 }
 
-PhotometricFit fitOf(const Subject& subject, const ExpectedPicture& expected, const State& state) {
+PhotometricFit fitOf(const Subject& subject, const ExpectedPicture& expected, const State& state,
+                     PhotometricFit::Unknowns unknowns) {
   const Eigen::Matrix2d blur = atLevel(state.blur, expected.level);
   return PhotometricFit(expected, blurred(expected, blur), insideFor(blur), state.T_c_p,
-                        subject.rays->camera(), subject.image.level(expected.level));
+                        subject.rays->camera(), subject.image.level(expected.level), unknowns);
 }
 
 // The expected image at the state's pose and blur.
 std::optional<PhotometricFit> fitAt(const Subject& subject, const State& state, int level) {
   const auto expected = expectAt(subject, state, level, largestSigma(state.blur));
   if (!expected) return std::nullopt;
-  PhotometricFit fit = fitOf(subject, *expected, state);
+  PhotometricFit fit = fitOf(subject, *expected, state, PhotometricFit::Unknowns::kAll);
   if (static_cast<int>(fit.pixels().size()) < subject.options.min_pixels / 4) return std::nullopt;
   return fit;
 }
@@ -168,13 +169,12 @@ bool alignLevel(const Subject& subject, int level, int renders, double visible_c
 
 // Whether hardly anything in the image looks like the picture: then it is not there, and a closer
 // look is time lost.
-bool isHopeless(const Subject& subject, const State& state, int level) {
-  auto fit = fitAt(subject, state, level);
-  if (!fit) return true;
+bool isHopeless(const Subject& subject, const ExpectedPicture& expected, const State& state) {
+  PhotometricFit fit = fitOf(subject, expected, state, PhotometricFit::Unknowns::kLightAndBlur);
   const PictureAlignmentOptions& options = subject.options;
   int textured = 0;
   int agreed = 0;
-  for (const auto& [place, block] : fit->blocks(state.T_c_p, options.block_px)) {
+  for (const auto& [place, block] : fit.blocks(state.T_c_p, options.block_px)) {
     if (block.contrast() < options.block_contrast) continue;
     ++textured;
     if (block.correlation() >= options.block_correlation) ++agreed;
@@ -183,20 +183,22 @@ bool isHopeless(const Subject& subject, const State& state, int level) {
 }
 
 // The blur that explains the image best where the picture is now: the best round one, then made
-// narrower or wider in each direction until it fits.
-void fitBlur(const Subject& subject, int level, State* state) {
+// narrower or wider in each direction until it fits. A quarter of the pixels says it. False where
+// the picture is not there.
+bool findBlur(const Subject& subject, int level, State* state) {
   constexpr int kRounds = 4;
+  constexpr auto kLightAndBlur = PhotometricFit::Unknowns::kLightAndBlur;
   const PictureAlignmentOptions& options = subject.options;
   const double most_px = *std::max_element(options.blurs_px.begin(), options.blurs_px.end());
   const auto expected = expectAt(subject, *state, level, most_px);
-  if (!expected) return;
+  if (!expected || isHopeless(subject, *expected, *state)) return false;
   State best = *state;
   double least = -1.0;
   for (const double blur_px : options.blurs_px) {
     State candidate = *state;
     candidate.blur = blur_px * blur_px * Eigen::Matrix2d::Identity();
-    PhotometricFit fit = fitOf(subject, *expected, candidate);
-    if (static_cast<int>(fit.pixels().size()) < options.min_pixels / 4) break;
+    PhotometricFit fit = fitOf(subject, *expected, candidate, kLightAndBlur);
+    if (static_cast<int>(fit.pixels().size()) < options.min_pixels / 16) break;
     prepare(subject, options.block_correlation, &fit, &candidate);
     const double sigma = fit.robustSigma();
     if (least >= 0.0 && sigma >= least) continue;
@@ -204,7 +206,7 @@ void fitBlur(const Subject& subject, int level, State* state) {
     best = candidate;
   }
   for (int i = 0; i < kRounds; ++i) {
-    PhotometricFit fit = fitOf(subject, *expected, best);
+    PhotometricFit fit = fitOf(subject, *expected, best, kLightAndBlur);
     prepare(subject, options.block_correlation, &fit, &best);
     const Eigen::Vector3d step =
         (1 << (2 * level)) * fit.blurStep(best.light, cutoffFor(fit, options));
@@ -215,6 +217,7 @@ void fitBlur(const Subject& subject, int level, State* state) {
     best.blur = limited(best.blur + scale * change, options.blurs_px.front(), most_px);
   }
   *state = best;
+  return true;
 }
 
 // Coarse to fine: first and last level.
@@ -268,12 +271,11 @@ Sums sumUp(const PhotometricFit& fit, const Light& light, double cutoff, int blo
     const auto [score, added] = sums.scores.try_emplace(
         {pixel.row / block_px, pixel.column / block_px}, PhotometricVector::Zero());
     score->second += influence * row;
-    sums.JtJ.selfadjointView<Eigen::Lower>().rankUpdate(row);
+    sums.JtJ.noalias() += row * row.transpose();
     sums.influence2 += influence * influence;
     sums.slope += tukeySlope(t);
     ++sums.with_influence;
   }
-  sums.JtJ = sums.JtJ.selfadjointView<Eigen::Lower>();
   return sums;
 }
 
@@ -389,13 +391,15 @@ std::string PictureAlignmentOptions::invalidReason() const {
 
 std::optional<PictureAlignment> alignPicture(const NaturalMarker& marker, const GreyPyramid& image,
                                              const Transform& start, PixelRays* rays,
-                                             const PictureAlignmentOptions& options) {
+                                             const PictureAlignmentOptions& options,
+                                             const Eigen::Matrix2d* blur) {
   const Subject subject{marker, image, rays, options};
   const auto levels = levelsFor(subject, start);
   if (!levels) return std::nullopt;
   // A camera in focus; of the levels above the finest the blur matters little.
   constexpr double kStartBlur_px = 0.8;
-  State state{.T_c_p = start, .blur = kStartBlur_px * kStartBlur_px * Eigen::Matrix2d::Identity()};
+  const Eigen::Matrix2d usual = kStartBlur_px * kStartBlur_px * Eigen::Matrix2d::Identity();
+  State state{.T_c_p = start, .blur = blur != nullptr ? *blur : usual};
   // What is not yet in its place agrees less.
   double visible = 0.5 * options.block_correlation;
   for (int level = levels->coarsest; level >= levels->finest; --level) {
@@ -403,9 +407,10 @@ std::optional<PictureAlignment> alignPicture(const NaturalMarker& marker, const 
     if (!alignLevel(subject, level, renders, visible, &state)) return std::nullopt;
     visible = options.block_correlation;
   }
-  if (isHopeless(subject, state, levels->finest)) return std::nullopt;
-  fitBlur(subject, levels->finest, &state);
-  if (!alignLevel(subject, levels->finest, options.renders, visible, &state)) return std::nullopt;
+  if (blur == nullptr) {
+    if (!findBlur(subject, levels->finest, &state)) return std::nullopt;
+    if (!alignLevel(subject, levels->finest, options.renders, visible, &state)) return std::nullopt;
+  }
 
   // The last word: expected and seen at one and the same pose, no pixel moved.
   auto whole = fitAt(subject, state, levels->finest);
@@ -419,6 +424,7 @@ std::optional<PictureAlignment> alignPicture(const NaturalMarker& marker, const 
   PictureAlignment result;
   result.T_c_p = state.T_c_p;
   result.noise = cutoff / options.outlier_sigmas;
+  result.blur = state.blur;
   result.blur_px = largestSigma(state.blur);
   result.pixels = sums.seen;
   whole->computeResiduals(state.T_c_p, state.light);

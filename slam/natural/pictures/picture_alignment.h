@@ -58,9 +58,10 @@ struct PictureAlignment {
   // Of T_c_p.retract's delta (dp in metres, dtheta in radians, in the camera's frame): from the
   // residuals, with what they have in common, and the systematic error.
   Matrix6d covariance = Matrix6d::Identity();
-  double noise = 0.0;    // grey levels, robust
-  double blur_px = 0.0;  // sigma, in its widest direction
-  int pixels = 0;        // compared
+  double noise = 0.0;                              // grey levels, robust
+  Eigen::Matrix2d blur = Eigen::Matrix2d::Zero();  // covariance, pixels squared
+  double blur_px = 0.0;                            // sigma, in its widest direction
+  int pixels = 0;                                  // compared
   // How much worse than independent the residuals are, at least 1.
   double dependence = 1.0;
   // Mean of the squared residuals, each cut off at outlier_sigmas, in grey levels squared.
@@ -76,9 +77,11 @@ struct PictureAlignment {
 };
 
 // Empty when the picture is not in the image from `start`, or the alignment comes to nothing.
+// `blur`: the image's, where it is known from another alignment at the same place; else it is
+// found.
 [[nodiscard]] std::optional<PictureAlignment> alignPicture(
     const NaturalMarker& marker, const GreyPyramid& image, const Transform& start, PixelRays* rays,
-    const PictureAlignmentOptions& options = {});
+    const PictureAlignmentOptions& options = {}, const Eigen::Matrix2d* blur = nullptr);
 
 // How much better `best` explains the image than `rival`: the difference of their chi-squares, at
 // the noise of the better one.

@@ -5,6 +5,9 @@
 #include <numbers>
 #include <utility>
 
+#include <opencv2/core.hpp>
+#include <opencv2/imgproc.hpp>
+
 #include "slam/geometry/two_hypotheses.h"
 #include "slam/natural/pictures/picture_pose.h"
 #include "slam/option_checks.h"
@@ -20,6 +23,30 @@ DescriptorIndex indexOf(std::span<const NaturalMarker> markers, std::span<const 
     sets[place] = &markers[place].features();
   }
   return DescriptorIndex(sets, options);
+}
+
+// In pixels of the whole image.
+FeatureSet featuresOf(ImageView image, const PictureFinderOptions& options) {
+  const auto most = static_cast<std::size_t>(options.max_image_features);
+  if (options.image_scale >= 1.0) return extractFeatures(image, most, options.features);
+  const cv::Mat whole(image.height, image.width, CV_8U, const_cast<std::uint8_t*>(image.data),
+                      static_cast<std::size_t>(image.stride));
+  const cv::Size size(
+      std::max(1, static_cast<int>(std::lround(options.image_scale * image.width))),
+      std::max(1, static_cast<int>(std::lround(options.image_scale * image.height))));
+  cv::Mat small;
+  cv::resize(whole, small, size, 0.0, 0.0, cv::INTER_AREA);
+  FeatureSet set =
+      extractFeatures({small.data, small.cols, small.rows, static_cast<std::ptrdiff_t>(small.step)},
+                      most, options.features);
+  const float x_factor = static_cast<float>(image.width) / static_cast<float>(size.width);
+  const float y_factor = static_cast<float>(image.height) / static_cast<float>(size.height);
+  for (Feature& feature : set.features) {
+    feature.x_px = (feature.x_px + 0.5F) * x_factor - 0.5F;
+    feature.y_px = (feature.y_px + 0.5F) * y_factor - 0.5F;
+    feature.size_px *= x_factor;
+  }
+  return set;
 }
 
 bool sameCamera(const Calibration& a, const Calibration& b) {
@@ -38,6 +65,8 @@ double tiltOf(const Transform& T_c_p) {
 std::string PictureFinderOptions::invalidReason() const {
   return firstReason({firstUnmet({
                           {max_image_features >= 10, "an image needs at least 10 features"},
+                          {image_scale >= 0.1 && image_scale <= 1.0,
+                           "an image is searched at 0.1 to 1 of its size"},
                           {isShare(min_correlation), "the least correlation is from 0 to 1"},
                           {isShare(min_agreeing_share), "the share that agrees is from 0 to 1"},
                           {min_agreeing_blocks >= 1, "at least 1 block of a picture must agree"},
@@ -103,10 +132,17 @@ void PictureFinder::addRival(const NaturalMarker& marker, const GreyPyramid& ima
   const double size_m = std::sqrt(marker.width_m() * marker.height_m());
   const auto start = mirroredPose(found->alignment.T_c_p, size_m, rays_->camera().focalLength());
   if (!start || !isAnotherPose(*start, found->alignment.T_c_p, options_.other_rotation_rad)) return;
-  auto rival = alignPicture(marker, image, *start, &*rays_, options_.alignment);
+  auto rival =
+      alignPicture(marker, image, *start, &*rays_, options_.alignment, &found->alignment.blur);
   if (!rival || !looksRight(*rival)) return;
   if (!isAnotherPose(rival->T_c_p, found->alignment.T_c_p, options_.other_rotation_rad)) return;
-  if (rival->cut_square < found->alignment.cut_square) std::swap(*rival, found->alignment);
+  if (rival->cut_square < found->alignment.cut_square) {
+    // The blur was that of the worse pose.
+    if (const auto again = alignPicture(marker, image, rival->T_c_p, &*rays_, options_.alignment)) {
+      *rival = *again;
+    }
+    std::swap(*rival, found->alignment);
+  }
   const double evidence = evidenceAgainst(*rival, found->alignment, options_.alignment);
   constexpr double kExpected = 2.0;  // of the right pose: four corners less six unknowns
   const double floor = kExpected + options_.evidence_floor;
@@ -200,8 +236,7 @@ PictureSearch PictureFinder::find(ImageView image, const CameraModel& camera,
   takeSubset(candidates);
   const DescriptorIndex& index = candidates.empty() ? all_ : some_;
   PictureSearch search;
-  const FeatureSet seen = extractFeatures(
-      image, static_cast<std::size_t>(options_.max_image_features), options_.features);
+  const FeatureSet seen = featuresOf(image, options_);
   search.image_features = static_cast<int>(seen.size());
   if (seen.size() == 0 || index.size() == 0) return search;
   FeatureSet kept;

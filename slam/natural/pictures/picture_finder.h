@@ -23,6 +23,9 @@ namespace waymark::slam {
 struct PictureFinderOptions {
   // Of an image. Fewer are quicker, and miss small pictures in front of a busy wall.
   int max_image_features = 1500;
+  // Features are looked for in the image reduced to this part of its size (what is found is refined
+  // in the whole image): time goes with its square.
+  double image_scale = 1.0;
   // Of expected and seen grey levels where they agree, at least; and the part of the picture in the
   // image that has to agree (the rest is hidden), in at least so many blocks.
   double min_correlation = 0.85;
