@@ -19,8 +19,8 @@ struct Motions {
 Motions motionsOf(const MapCorrection& correction, const Map& map) {
   Motions motions;
   for (const auto& corrected : correction.markers) {
-    const MapMarker* const known = map.findPosed(corrected.marker.id);
-    if (known == nullptr || known->former_poses.size() != corrected.marker.former_poses) continue;
+    const MapMarker* const known = findUnmoved(map, corrected.marker);
+    if (known == nullptr) continue;
     motions.markers.emplace_hint(motions.markers.end(), known->id,
                                  corrected.T_w_m * known->T_w_m->inverse());
   }

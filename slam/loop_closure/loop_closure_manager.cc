@@ -79,8 +79,9 @@ std::optional<Transform> LoopClosureManager::collect(Map* map) {
     return std::nullopt;
   }
   if (const auto* relaxed = std::get_if<RelaxedMap>(&outcome)) {
-    bent_ = false;
-    return adopt(*relaxed, map);
+    const auto T_new_old = adopt(*relaxed, map);
+    bent_ = !T_new_old;  // once more, where the coordinates are others by now
+    return T_new_old;
   }
   const auto adopted = adopt(std::get<ClosedLoop>(outcome), map);
   if (!adopted) return std::nullopt;  // the coordinates are others by now

@@ -117,9 +117,8 @@ std::optional<Transform> Mapper::collect(Map* map, Counters* counters) {
 void Mapper::refineYoung(int marker_id, Map* map) const {
   const MapMarker* const marker = map->findPosed(marker_id);
   const auto views = static_cast<int>(map->viewsOf(marker_id).size());
-  if (fixesWorld(markers_, marker_id) || marker == nullptr || views < 2 ||
-      views > options_.young_views)
-    return;
+  const bool young = views >= 2 && views <= options_.young_views;
+  if (marker == nullptr || !young || fixesWorld(markers_, marker_id)) return;
   if (const auto T_w_m = optimizeMarker(*map, marker_id, options_.local_optimization)) {
     pose(marker_id, *T_w_m, marker->other_T_w_m, map);
   }

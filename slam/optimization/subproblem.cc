@@ -63,6 +63,11 @@ void addLinks(const Keyframe& keyframe, int camera, Subproblem* part) {
   }
 }
 
+void addViews(const Map& map, int marker_id, std::vector<KeyframeId>* views) {
+  const auto of_marker = map.viewsOf(marker_id);
+  views->insert(views->end(), of_marker.begin(), of_marker.end());
+}
+
 struct Viewer {
   KeyframeId id = -1;
   int markers = 0;  // of those that are asked for
@@ -90,8 +95,7 @@ void sortMostFirst(std::vector<Viewer>* viewers) {
 std::vector<KeyframeId> nearest(const Map& map, KeyframeId keyframe, int keyframes) {
   std::vector<KeyframeId> views;  // once for each marker they share
   for (const MarkerDetection& detection : map.keyframes().at(keyframe).detections) {
-    const auto of_marker = map.viewsOf(detection.id);
-    views.insert(views.end(), of_marker.begin(), of_marker.end());
+    addViews(map, detection.id, &views);
   }
   std::vector<Viewer> viewers = countedViewers(&views);
   std::erase_if(viewers, [&](const Viewer& viewer) { return viewer.id == keyframe; });
@@ -111,9 +115,7 @@ std::vector<KeyframeId> holders(const Map& map, std::span<const int> markers,
                                 std::span<const KeyframeId> near, int per_marker) {
   std::vector<KeyframeId> views;
   for (const int id : markers) {
-    if (map.findPosed(id) == nullptr) continue;
-    const auto of_marker = map.viewsOf(id);
-    views.insert(views.end(), of_marker.begin(), of_marker.end());
+    if (map.findPosed(id) != nullptr) addViews(map, id, &views);
   }
   std::vector<Viewer> candidates = countedViewers(&views);
   std::erase_if(candidates,
@@ -260,14 +262,19 @@ MapCorrection correctionOf(const Subproblem& part, const BundleAdjuster& adjuste
   return correction;
 }
 
+const MapMarker* findUnmoved(const Map& map, const Subproblem::Marker& marker) {
+  const MapMarker* const known = map.findPosed(marker.id);
+  return known != nullptr && known->former_poses.size() == marker.former_poses ? known : nullptr;
+}
+
 bool apply(const MapCorrection& correction, Map* map) {
   if (correction.epoch != map->epoch()) return false;
   for (const auto& [id, T_w_c] : correction.keyframes) {
     if (map->keyframes().contains(id)) map->setKeyframePose(id, T_w_c);
   }
   for (const auto& corrected : correction.markers) {
-    const MapMarker* const known = map->findPosed(corrected.marker.id);
-    if (known == nullptr || known->former_poses.size() != corrected.marker.former_poses) continue;
+    const MapMarker* const known = findUnmoved(*map, corrected.marker);
+    if (known == nullptr) continue;
     map->place(known->id, corrected.T_w_m, known->other_T_w_m, corrected.covariance);
   }
   return true;

@@ -94,6 +94,9 @@ struct MapCorrection {
 
 [[nodiscard]] MapCorrection correctionOf(const Subproblem& part, const BundleAdjuster& adjuster);
 
+// Of the map, as long as it hangs where the part was taken out; null for one that hangs elsewhere
+// by now, or has no pose.
+[[nodiscard]] const MapMarker* findUnmoved(const Map& map, const Subproblem::Marker& marker);
 // Puts the poses into the map, where they are still of use: what has left it since, or hangs
 // somewhere else by now, stays as it is. False, and nothing is done, when the map's coordinates are
 // not those of the part any more.
