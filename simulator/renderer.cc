@@ -66,19 +66,19 @@ struct Box {
   int x_begin, x_end, y_begin, y_end;
 };
 
-// The pixels a marker's paper can touch. Neighbouring rays are needed for sampling, so the
-// outermost pixels of the table are left out.
-Box boundingBox(const RowPoses& poses, const Marker& marker, double half_paper,
-                const slam::CameraModel& camera, const RayTable& rays) {
+// The pixels a paper can touch. Neighbouring rays are needed for sampling, so the outermost pixels
+// of the table are left out.
+Box boundingBox(const RowPoses& poses, const slam::Transform& T_w_m, double half_width,
+                double half_height, const slam::CameraModel& camera, const RayTable& rays) {
   const Box whole{1, rays.width() - 1, 1, rays.height() - 1};
   // A straight edge bulges by the lens, and a rolling shutter shears it.
   const double slack = poses.T_w_c.size() == 1 ? 4.0 : 16.0;
   Eigen::Vector2d low(1e9, 1e9);
   Eigen::Vector2d high(-1e9, -1e9);
   for (const slam::Transform* T_w_c : samplePoses(poses)) {
-    const slam::Transform T_c_m = T_w_c->inverse() * marker.T_w_m;
-    for (const double x : {-half_paper, 0.0, half_paper}) {
-      for (const double y : {-half_paper, 0.0, half_paper}) {
+    const slam::Transform T_c_m = T_w_c->inverse() * T_w_m;
+    for (const double x : {-half_width, 0.0, half_width}) {
+      for (const double y : {-half_height, 0.0, half_height}) {
         const auto pixel = camera.project(T_c_m * Eigen::Vector3d(x, y, 0.0));
         if (!pixel) return whole;
         low = low.cwiseMin(*pixel);
@@ -97,11 +97,11 @@ Box boundingBox(const RowPoses& poses, const Marker& marker, double half_paper,
 }
 
 // The grey levels of a marker's paper, cell by cell, the white margin included.
-struct Print {
+struct MarkerPaper {
   int cells;  // along a side
   std::vector<float> grey;
 
-  Print(const slam::Dictionary& dictionary, int id) : cells(dictionary.cells() + 2) {
+  MarkerPaper(const slam::Dictionary& dictionary, int id) : cells(dictionary.cells() + 2) {
     grey.assign(static_cast<std::size_t>(cells) * static_cast<std::size_t>(cells),
                 static_cast<float>(Renderer::kPaper));
     for (int r = 0; r < dictionary.cells(); ++r) {
@@ -134,8 +134,8 @@ struct Gradient {
 };
 
 // The mean over a pixel of the paper where it is, and of `behind` where it is not.
-float samplePaper(const Gradient& u, const Gradient& v, const Gradient& w, float half,
-                  const Print& print, float behind) {
+float sampleMarker(const Gradient& u, const Gradient& v, const Gradient& w, float half,
+                   const MarkerPaper& print, float behind) {
   const float per_cell = static_cast<float>(print.cells) / (2.0F * half);
   std::array<float, kSamples> column;
   std::array<float, kSamples> row;
@@ -154,6 +154,37 @@ float samplePaper(const Gradient& u, const Gradient& v, const Gradient& w, float
   return sum / kSamples;
 }
 
+// The same of a picture.
+float samplePrint(const Gradient& u, const Gradient& v, const Gradient& w, const Print& print,
+                  float behind) {
+  const auto half_width = static_cast<float>(0.5 * print.width_m);
+  const auto half_height = static_cast<float>(0.5 * print.height_m);
+  const PrintedImage& image = *print.image;
+  const float per_x = static_cast<float>(image.width()) / (2.0F * half_width);
+  const float per_y = static_cast<float>(image.height()) / (2.0F * half_height);
+  std::array<float, kSamples> x;
+  std::array<float, kSamples> y;
+  for (std::size_t k = 0; k < kSamples; ++k) {
+    const float z = 1.0F / w.at(k);
+    x[k] = u.at(k) * z;
+    y[k] = v.at(k) * z;
+  }
+  // The picture's pixels between neighbouring samples: the pixel's area in them, by sixteen.
+  const float z = 1.0F / w.centre;
+  const float ux = (u.by_column - u.centre * z * w.by_column) * z * per_x;
+  const float uy = (u.by_row - u.centre * z * w.by_row) * z * per_x;
+  const float vx = (v.by_column - v.centre * z * w.by_column) * z * per_y;
+  const float vy = (v.by_row - v.centre * z * w.by_row) * z * per_y;
+  const int level = image.levelFor(std::sqrt(std::abs(ux * vy - uy * vx) / kSamples));
+  float sum = 0.0F;
+  for (std::size_t k = 0; k < kSamples; ++k) {
+    const bool hit = std::abs(x[k]) <= half_width && std::abs(y[k]) <= half_height;
+    sum +=
+        hit ? image.at(level, (x[k] + half_width) * per_x, (half_height - y[k]) * per_y) : behind;
+  }
+  return sum / kSamples;
+}
+
 }  // namespace
 
 Result<Renderer> Renderer::create(const Scene& scene, std::uint64_t seed, int margin_px) {
@@ -166,7 +197,8 @@ Renderer::Renderer(const Scene& scene, std::uint64_t seed, RayTable rays)
     : dictionary_(scene.dictionary),
       camera_(scene.camera),
       rays_(std::move(rays)),
-      surfaces_(scene.surfaces) {
+      surfaces_(scene.surfaces),
+      prints_(scene.prints) {
   Random random(seed, 0x5041494e54);
   for (const Surface& surface : surfaces_) textures_.emplace_back(surface, random.next());
 }
@@ -186,13 +218,25 @@ void Renderer::render(const RowPoses& poses, std::span<const Marker> markers,
   renderSurfaces(poses, workspace);
 
   // Far ones first, so that near ones cover them.
+  struct Paper {
+    double distance2;
+    const Marker* marker;  // or
+    const Print* print;
+  };
   const Eigen::Vector3d eye = poses.at(rays_.height() / 2).p;
-  std::vector<const Marker*> far_first;
-  for (const Marker& marker : markers) far_first.push_back(&marker);
-  std::stable_sort(far_first.begin(), far_first.end(), [&](const Marker* a, const Marker* b) {
-    return (a->T_w_m.p - eye).squaredNorm() > (b->T_w_m.p - eye).squaredNorm();
-  });
-  for (const Marker* marker : far_first) renderMarker(poses, *marker, workspace);
+  std::vector<Paper> far_first;
+  for (const Print& print : prints_) {
+    far_first.push_back({(print.T_w_p.p - eye).squaredNorm(), nullptr, &print});
+  }
+  for (const Marker& marker : markers) {
+    far_first.push_back({(marker.T_w_m.p - eye).squaredNorm(), &marker, nullptr});
+  }
+  std::stable_sort(far_first.begin(), far_first.end(),
+                   [](const Paper& a, const Paper& b) { return a.distance2 > b.distance2; });
+  for (const Paper& paper : far_first) {
+    if (paper.marker != nullptr) renderMarker(poses, *paper.marker, workspace);
+    if (paper.print != nullptr) renderPrint(poses, *paper.print, workspace);
+  }
 }
 
 void Renderer::renderSurfaces(const RowPoses& poses, Workspace* workspace) const {
@@ -263,19 +307,37 @@ void Renderer::renderSurfaceRow(int row, const slam::Transform& T_w_c,
 
 void Renderer::renderMarker(const RowPoses& poses, const Marker& marker,
                             Workspace* workspace) const {
-  const Print print(dictionary_, marker.id);
-  const double half_paper = 0.5 * marker.size_m * print.cells / dictionary_.cells();
-  const slam::Transform T_m_w = marker.T_w_m.inverse();
+  const MarkerPaper paper(dictionary_, marker.id);
+  const double half_paper = 0.5 * marker.size_m * paper.cells / dictionary_.cells();
+  const auto half = static_cast<float>(half_paper);
+  renderPaper(poses, marker.T_w_m, half_paper, half_paper, workspace,
+              [&](const Gradient& u, const Gradient& v, const Gradient& w, float behind) {
+                return sampleMarker(u, v, w, half, paper, behind);
+              });
+}
+
+void Renderer::renderPrint(const RowPoses& poses, const Print& print, Workspace* workspace) const {
+  renderPaper(poses, print.T_w_p, 0.5 * print.width_m, 0.5 * print.height_m, workspace,
+              [&](const Gradient& u, const Gradient& v, const Gradient& w, float behind) {
+                return samplePrint(u, v, w, print, behind);
+              });
+}
+
+template <typename Sample>
+void Renderer::renderPaper(const RowPoses& poses, const slam::Transform& T_w_m, double half_width_m,
+                           double half_height_m, Workspace* workspace, const Sample& sample) const {
+  const slam::Transform T_m_w = T_w_m.inverse();
   const auto seen = [&](const slam::Transform* T_w_c) {
     return (T_m_w * *T_w_c).p.z() > kInPlane &&
-           !outOfView(corners(T_w_c->inverse() * marker.T_w_m, half_paper, half_paper),
+           !outOfView(corners(T_w_c->inverse() * T_w_m, half_width_m, half_height_m),
                       rays_.bounds());
   };
   const auto checks = samplePoses(poses);
   if (std::none_of(checks.begin(), checks.end(), seen)) return;
 
-  const auto half = static_cast<float>(half_paper);
-  const Box box = boundingBox(poses, marker, half_paper, camera_, rays_);
+  const auto half_width = static_cast<float>(half_width_m);
+  const auto half_height = static_cast<float>(half_height_m);
+  const Box box = boundingBox(poses, T_w_m, half_width_m, half_height_m, camera_, rays_);
   const auto width = static_cast<std::size_t>(rays_.width());
   for (int row = box.y_begin; row < box.y_end; ++row) {
     const slam::Transform T_m_c = T_m_w * poses.at(row);
@@ -299,13 +361,13 @@ void Renderer::renderMarker(const RowPoses& poses, const Marker& marker,
       const Gradient w(forms.inverse_z, x[i], y[i], d_ray);
       const Gradient u(forms.u_over_z, x[i], y[i], d_ray);
       const Gradient v(forms.v_over_z, x[i], y[i], d_ray);
-      const float reach = half * (w.centre + w.reach());
-      if (w.centre <= w.reach() || std::abs(u.centre) - u.reach() > reach ||
-          std::abs(v.centre) - v.reach() > reach) {
+      const float nearest = w.centre + w.reach();
+      if (w.centre <= w.reach() || std::abs(u.centre) - u.reach() > half_width * nearest ||
+          std::abs(v.centre) - v.reach() > half_height * nearest) {
         continue;
       }
       if (w.centre < depth[i] * (1.0F - 1e-5F)) continue;  // behind a wall
-      out[i] = samplePaper(u, v, w, half, print, out[i]);
+      out[i] = sample(u, v, w, out[i]);
     }
   }
 }

@@ -1,5 +1,6 @@
 // Light arriving at each pixel of one instant: rays against planes. Markers are sampled sixteen
-// times per pixel from their code, so that their edges are exact; plain surfaces once.
+// times per pixel from their code, so that their edges are exact, and prints as often from their
+// picture; plain surfaces once.
 #pragma once
 
 #include <cstdint>
@@ -69,12 +70,19 @@ class Renderer {
   void renderSurfaceRow(int row, const slam::Transform& T_w_c, std::span<const int> candidates,
                         Workspace* workspace) const;
   void renderMarker(const RowPoses& poses, const Marker& marker, Workspace* workspace) const;
+  void renderPrint(const RowPoses& poses, const Print& print, Workspace* workspace) const;
+  // Each pixel that looks at a paper's front, nothing in between: sample(u, v, w, behind) says what
+  // it sees, from the paper's linear forms there and from what was behind.
+  template <typename Sample>
+  void renderPaper(const RowPoses& poses, const slam::Transform& T_w_m, double half_width_m,
+                   double half_height_m, Workspace* workspace, const Sample& sample) const;
 
   slam::Dictionary dictionary_;
   slam::CameraModel camera_;
   RayTable rays_;
   std::vector<Surface> surfaces_;
   std::vector<Texture> textures_;  // one for each surface
+  std::vector<Print> prints_;
 };
 
 }  // namespace waymark::simulator

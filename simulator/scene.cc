@@ -183,6 +183,7 @@ Result<Scene> buildScene(const Options& options, Ending ending) {
               .duration_s = options.duration_s.value_or(kind->duration_s),
               .surfaces = {},
               .markers = {},
+              .prints = {},
               .trajectory = {}};
   kind->build({.scene = &scene,
                .seed = options.seed,

@@ -3,11 +3,13 @@
 #pragma once
 
 #include <cstdint>
+#include <memory>
 #include <string>
 #include <vector>
 
 #include "base/result.h"
 #include "simulator/options.h"
+#include "simulator/printed_image.h"
 #include "simulator/trajectory.h"
 #include "slam/detection/codes/dictionary.h"
 #include "slam/geometry/camera_model.h"
@@ -41,6 +43,14 @@ struct Marker {
   slam::Transform T_w_m;
 };
 
+// A picture on paper, to its edges; seen from its front only.
+struct Print {
+  std::shared_ptr<const PrintedImage> image;
+  double width_m = 0.0;
+  double height_m = 0.0;
+  slam::Transform T_w_p;  // origin at its centre, x right, y up, z out of the print
+};
+
 struct Scene {
   std::string name;
   slam::Dictionary dictionary;
@@ -49,6 +59,7 @@ struct Scene {
   double duration_s = 0.0;
   std::vector<Surface> surfaces;
   std::vector<Marker> markers;
+  std::vector<Print> prints;
   Trajectory trajectory;
 };
 

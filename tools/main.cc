@@ -14,6 +14,7 @@
 #include "tools/eval_command.h"
 #include "tools/exit_code.h"
 #include "tools/map_command.h"
+#include "tools/natural_command.h"
 #include "tools/print_command.h"
 #include "tools/record_command.h"
 #include "tools/run_command.h"
@@ -53,6 +54,7 @@ int main(int argc, char** argv) {
   addSimulateCommand(app, &exit_code);
   addCamerasCommand(app, &exit_code);
   addMapCommand(app, &exit_code);
+  addNaturalCommand(app, &exit_code);
   addCalibrateCommand(app, &exit_code);
   addPrintCommand(app, &exit_code);
 

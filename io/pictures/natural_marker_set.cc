@@ -1,0 +1,112 @@
+#include "io/pictures/natural_marker_set.h"
+
+#include <map>
+#include <optional>
+#include <utility>
+
+#include <opencv2/core.hpp>
+#include <opencv2/imgcodecs.hpp>
+
+#include "io/pictures/feature_cache.h"
+#include "io/text/number_text.h"
+#include "io/text/text_file.h"
+
+namespace waymark::io {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr std::size_t kMostImageBytes = std::size_t{256} << 20U;
+constexpr std::size_t kMostCacheBytes = std::size_t{2} << 30U;
+
+// An image file and the picture in it.
+struct ImageFile {
+  std::string bytes;
+  cv::Mat grey;
+
+  [[nodiscard]] ImageView view() const {
+    return {grey.data, grey.cols, grey.rows, static_cast<std::ptrdiff_t>(grey.step)};
+  }
+};
+
+Result<ImageFile> readImage(const fs::path& path) {
+  std::error_code error;
+  if (fs::is_directory(path, error)) return Error{path.string() + ": is a directory"};
+  if (fs::is_fifo(path, error)) return Error{path.string() + ": is no file"};
+  Result<std::string> bytes = readTextFile(path, kMostImageBytes);
+  if (!bytes) return bytes.error();
+  ImageFile file;
+  file.bytes = std::move(*bytes);
+  if (file.bytes.empty()) return Error{path.string() + ": is empty"};
+  const cv::Mat coded(1, static_cast<int>(file.bytes.size()), CV_8U, file.bytes.data());
+  try {
+    file.grey = cv::imdecode(coded, cv::IMREAD_GRAYSCALE);
+  } catch (const cv::Exception&) {
+    file.grey.release();
+  }
+  if (file.grey.empty()) return Error{path.string() + ": is no image that can be read"};
+  return file;
+}
+
+FeatureCache readCache(const fs::path& markers) {
+  const Result<std::string> bytes = readTextFile(featureCachePath(markers), kMostCacheBytes);
+  return bytes ? parseFeatureCache(*bytes) : FeatureCache{};
+}
+
+}  // namespace
+
+Result<slam::NaturalMarker> readNaturalMarker(const fs::path& image, double width_m,
+                                              double height_m,
+                                              const slam::NaturalMarkerOptions& options) {
+  const Result<ImageFile> file = readImage(image);
+  if (!file) return file.error();
+  auto marker = slam::NaturalMarker::create(file->view(), width_m, height_m, options);
+  if (!marker) return Error{image.string() + ": " + marker.error().message};
+  return marker;
+}
+
+Result<NaturalMarkerSet> readNaturalMarkers(const fs::path& file,
+                                            const slam::NaturalMarkerOptions& options) {
+  const Result<std::string> text = readTextFile(file);
+  if (!text) return text.error();
+  auto entries = parseNaturalMarkers(*text, file);
+  if (!entries) return entries.error();
+  if (entries->empty()) return Error{file.string() + ": has no markers"};
+  NaturalMarkerSet set;
+  set.entries = std::move(*entries);
+  const FeatureCache cache = readCache(file);
+  FeatureCache next;
+  std::map<std::uint64_t, std::string> names;  // of the pictures so far, by their key
+  for (const NaturalMarkerEntry& entry : set.entries) {
+    const std::string place = file.string() + ": marker '" + oneLine(entry.name) + "': ";
+    const fs::path path = file.parent_path() / entry.image;
+    const std::string picture = oneLine(path.string());
+    const Result<ImageFile> image = readImage(path);
+    if (!image) return Error{place + oneLine(image.error().message)};
+    const std::uint64_t key = featureKey(image->bytes, options);
+    if (const auto [known, added] = names.try_emplace(key, entry.name); !added) {
+      return Error{place + picture + ": is the same picture as that of '" + oneLine(known->second) +
+                   "'"};
+    }
+    const auto cached = cache.find(key);
+    auto marker = slam::NaturalMarker::create(image->view(), entry.width_m, entry.height_m, options,
+                                              cached != cache.end() ? &cached->second : nullptr);
+    if (!marker) return Error{place + picture + ": " + marker.error().message};
+    if (cached == cache.end()) ++set.computed;
+    next[key] = marker->features();
+    const auto& kept = marker->grey().level(0);
+    if (kept.width < image->grey.cols / 4) {
+      set.notes.push_back(place + picture + ": has " +
+                          sizeText(image->grey.cols, image->grey.rows) + " pixels, of which " +
+                          sizeText(kept.width, kept.height) + " are used");
+    }
+    set.markers.push_back(std::move(*marker));
+  }
+  // A folder that cannot be written to only costs time.
+  if (set.computed > 0 || next.size() != cache.size()) {
+    (void)writeTextFile(featureCachePath(file), formatFeatureCache(next));
+  }
+  return set;
+}
+
+}  // namespace waymark::io

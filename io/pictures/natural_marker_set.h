@@ -1,0 +1,33 @@
+// The natural markers of a file, with their pictures read and their features at hand.
+#pragma once
+
+#include <filesystem>
+#include <string>
+#include <vector>
+
+#include "base/result.h"
+#include "io/pictures/natural_marker_file.h"
+#include "slam/natural/pictures/natural_marker.h"
+
+namespace waymark::io {
+
+struct NaturalMarkerSet {
+  std::vector<NaturalMarkerEntry> entries;
+  std::vector<slam::NaturalMarker> markers;  // one for each entry
+  // What users should know, a line each: pictures that were reduced.
+  std::vector<std::string> notes;
+  int computed = 0;  // features that were not in the cache
+};
+
+// One picture of a file. The Error is one line: it names the picture and what is wrong with it.
+[[nodiscard]] Result<slam::NaturalMarker> readNaturalMarker(
+    const std::filesystem::path& image, double width_m, double height_m,
+    const slam::NaturalMarkerOptions& options = {});
+
+// The Error is one line: FILE, the marker, its image, and what is wrong with it (cannot be read,
+// uniform, self-similar, too small, the same picture as another one's). Features come from the
+// cache beside the file where it has them; a new cache is written where it can be.
+[[nodiscard]] Result<NaturalMarkerSet> readNaturalMarkers(
+    const std::filesystem::path& file, const slam::NaturalMarkerOptions& options = {});
+
+}  // namespace waymark::io

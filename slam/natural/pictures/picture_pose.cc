@@ -1,0 +1,93 @@
+#include "slam/natural/pictures/picture_pose.h"
+
+#include <algorithm>
+#include <array>
+
+#include "slam/geometry/homography.h"
+#include "slam/geometry/minimize_pose.h"
+#include "slam/geometry/reprojection.h"
+#include "slam/geometry/robust.h"
+#include "slam/marker_pose/square_pose.h"
+
+namespace waymark::slam {
+namespace {
+
+constexpr double kCornerSigma_px = 0.5;  // of corners that matches make; only ratios depend on it
+
+// A square on the print, around its centre, as if it were a marker.
+std::optional<MarkerDetection> squareAt(const Eigen::Matrix3d& H, double side_m, double focal_px) {
+  MarkerDetection square;
+  const auto corners = markerCorners(side_m);
+  for (std::size_t k = 0; k < 4; ++k) {
+    const Eigen::Vector3d p(corners[k].x(), corners[k].y(), 1.0);
+    if (!((H * p).z() > 0.0)) return std::nullopt;
+    square.normalized[k] = applyHomography(H, p.head<2>());
+    const double sigma = kCornerSigma_px / focal_px;
+    square.covariance[k] = sigma * sigma * Eigen::Matrix2d::Identity();
+  }
+  return square;
+}
+
+std::optional<MinimizedPose> refineOnMatches(const Transform& start,
+                                             const PictureCandidate& candidate,
+                                             const NaturalMarker& marker,
+                                             std::span<const ImageFeature> image, double focal_px,
+                                             double kernel_px) {
+  constexpr int kIterations = 15;
+  const Transform camera;  // the identity: the "world" here is the camera
+  return minimizePose(start, kIterations, [&](const Transform& T_c_p, PoseNormal* normal) {
+    for (const PictureFeatureMatch& match : candidate.inliers) {
+      const Eigen::Vector2d on_print =
+          marker.featurePoint(static_cast<std::size_t>(match.picture_feature));
+      const Eigen::Vector3d p = T_c_p * Eigen::Vector3d(on_print.x(), on_print.y(), 0.0);
+      Projection projection;
+      if (!projectPoint(camera, p, &projection)) return false;
+      const auto& seen = image[static_cast<std::size_t>(match.image_feature)];
+      const Eigen::Vector2d r = focal_px * (projection.normalized - seen.normalized);
+      const Matrix26d J = focal_px * markerJacobian(T_c_p, p, projection.J_point);
+      const double weight = huberWeight(r.squaredNorm(), kernel_px);
+      normal->cost += huberCost(r.squaredNorm(), kernel_px);
+      normal->H += weight * J.transpose() * J;
+      normal->g += weight * J.transpose() * r;
+    }
+    return true;
+  });
+}
+
+}  // namespace
+
+std::optional<Transform> poseFromMatches(const PictureCandidate& candidate,
+                                         const NaturalMarker& marker,
+                                         std::span<const ImageFeature> image, double focal_px,
+                                         double kernel_px) {
+  const double side_m = 0.7 * std::min(marker.width_m(), marker.height_m());
+  const auto square = squareAt(candidate.H, side_m, focal_px);
+  if (!square) return std::nullopt;
+  const auto both = estimateSquarePose(*square, side_m, focal_px);
+  if (!both) return std::nullopt;
+  std::optional<MinimizedPose> best;
+  for (const Transform& start : both->T_c_m) {
+    const auto refined = refineOnMatches(start, candidate, marker, image, focal_px, kernel_px);
+    if (!refined) continue;
+    // The print is seen from its front.
+    if ((refined->T.R.transpose() * refined->T.p).z() >= 0.0) continue;
+    if (!best || refined->normal.cost < best->normal.cost) best = refined;
+  }
+  if (!best) return std::nullopt;
+  return best->T;
+}
+
+std::optional<Transform> mirroredPose(const Transform& T_c_p, double size_m, double focal_px) {
+  MarkerDetection square;
+  const auto corners = markerCorners(size_m);
+  for (std::size_t k = 0; k < 4; ++k) {
+    const Eigen::Vector3d p = T_c_p * corners[k];
+    if (p.z() < kNearestDepth) return std::nullopt;
+    square.normalized[k] = p.head<2>() / p.z();
+    const double sigma = kCornerSigma_px / focal_px;
+    square.covariance[k] = sigma * sigma * Eigen::Matrix2d::Identity();
+  }
+  return otherSquarePose(square, size_m, T_c_p);
+}
+
+}  // namespace waymark::slam
