@@ -25,6 +25,10 @@ struct Counters {
   std::uint64_t refused_markers = 0;
   std::uint64_t bridged_frames = 0;
   std::uint64_t linked_markers = 0;
+  std::uint64_t mapped_pictures = 0;
+  std::uint64_t picture_poses = 0;
+  std::uint64_t refused_pictures = 0;
+  std::uint64_t late_unknown = 0;
   std::uint64_t predicted_frames = 0;
   std::uint64_t filter_restarts = 0;
   std::uint64_t full_scans = 0;
@@ -78,6 +82,14 @@ inline constexpr std::array kCounters = {
                  "frames whose pose is from natural features, as no marker gave one"},
     NamedCounter{"linked_markers", &Counters::linked_markers,
                  "markers that joined the map through a gap, by natural features"},
+    NamedCounter{"mapped_pictures", &Counters::mapped_pictures,
+                 "natural markers that got a place in the map"},
+    NamedCounter{"picture_poses", &Counters::picture_poses,
+                 "poses of earlier frames, from pictures found in them, that the filter took"},
+    NamedCounter{"refused_pictures", &Counters::refused_pictures,
+                 "such poses that contradicted the filter"},
+    NamedCounter{"late_unknown", &Counters::late_unknown,
+                 "pictures told of frames that nobody remembers any more"},
     NamedCounter{"predicted_frames", &Counters::predicted_frames,
                  "frames whose pose is from the motion alone"},
     NamedCounter{"filter_restarts", &Counters::filter_restarts,

@@ -2,6 +2,9 @@
 
 #include <algorithm>
 
+#include "slam/covariance/marginals.h"
+#include "slam/geometry/turned_covariance.h"
+
 namespace waymark::slam {
 
 bool FeatureStage::concerns(const FrameInput& frame) const {
@@ -41,6 +44,55 @@ std::optional<PoseEstimate> FeatureStage::bridge(const FrameInput& frame, StageO
   if (!concerns(frame)) return std::nullopt;
   const StageScope scope(observer, Stage::kFeatures);
   return inWorld(integrator_.bridge(frame.time.monotonic_ns, *frame.image));
+}
+
+void FeatureStage::await(const FrameInput& frame, bool has_pose, StageObserver* observer) {
+  if (!concerns(frame)) return;
+  const StageScope scope(observer, Stage::kFeatures);
+  integrator_.await(frame.time.sequence, frame.time.monotonic_ns, *frame.image, has_pose);
+}
+
+// What a picture's own views leave open of its place is a new error where the pose comes from
+// somewhere else, and part of what it is relative to where it came from there already.
+LateOutcome FeatureStage::late(const LateResult& seen, const MapMarker& marker,
+                               StageObserver* observer) {
+  if (!options_.enabled) return LateOutcome::kUnknown;
+  const StageScope scope(observer, Stage::kFeatures);
+  const Transform T_w_c = *marker.T_w_m * seen.T_m_c;
+  Matrix6d covariance = turnedCovariance(marker.T_w_m->R, seen.covariance);
+  if (anchor_ != marker.id && !integrator_.adrift()) {
+    const Matrix6d T = rigidTransport(T_w_c.p - marker.T_w_m->p);
+    covariance += T * marker.covariance * T.transpose();
+  }
+  const LateOutcome outcome = integrator_.late(seen.sequence, T_w_c, covariance, pointsOf(marker));
+  switch (outcome) {
+    case LateOutcome::kStarted:
+      covariance_.doubtAs(marker);
+      anchor_ = marker.id;
+      ++counters_->picture_poses;
+      break;
+    case LateOutcome::kUsed:
+      if (covariance_.doubtIfLess(marker, T_w_c.p)) anchor_ = marker.id;
+      ++counters_->picture_poses;
+      break;
+    case LateOutcome::kRefused:
+      ++counters_->refused_pictures;
+      break;
+    case LateOutcome::kKnown:
+    case LateOutcome::kUnknown:
+      break;
+  }
+  return outcome;
+}
+
+std::span<const Eigen::Vector3d> FeatureStage::pointsOf(const MapMarker& picture) {
+  points_w_.clear();
+  const auto print = std::ranges::find(options_.prints, picture.picture, &PicturePrint::name);
+  if (print == options_.prints.end()) return {};
+  for (const Eigen::Vector2d& point_m : print->points_m) {
+    points_w_.push_back(*picture.T_w_m * Eigen::Vector3d(point_m.x(), point_m.y(), 0.0));
+  }
+  return points_w_;
 }
 
 }  // namespace waymark::slam

@@ -4,12 +4,17 @@
 #pragma once
 
 #include <optional>
+#include <span>
 #include <vector>
+
+#include <Eigen/Core>
 
 #include "slam/counters.h"
 #include "slam/covariance/map_covariance.h"
 #include "slam/frame.h"
 #include "slam/geometry/camera_model.h"
+#include "slam/late_result.h"
+#include "slam/map/map.h"
 #include "slam/natural/pose_integrator.h"
 #include "slam/stages.h"
 #include "slam/tracking/frame_tracker.h"
@@ -19,9 +24,12 @@ namespace waymark::slam {
 class FeatureStage {
  public:
   // All that it is given must outlive it.
-  FeatureStage(const NaturalOptions& options, const CameraModel& camera,
-               const MapCovariance& covariance, Counters* counters)
-      : options_(options), covariance_(covariance), integrator_(options, camera, counters) {}
+  FeatureStage(const NaturalOptions& options, const CameraModel& camera, MapCovariance& covariance,
+               Counters* counters)
+      : options_(options),
+        covariance_(covariance),
+        integrator_(options, camera, counters),
+        counters_(counters) {}
 
   // After the markers have given a pose. False where the features know better.
   [[nodiscard]] bool follow(const FrameInput& frame, const TrackedFrame& tracked,
@@ -36,19 +44,27 @@ class FeatureStage {
   // The marker that the carried pose is relative to: the nearest one of the last frame that the
   // features followed. -1 before the first one.
   [[nodiscard]] int anchor() const { return anchor_; }
+  // After all of these: somebody else looks at the frame, too.
+  void await(const FrameInput& frame, bool has_pose, StageObserver* observer);
+  // Before all of these: a marker of the map (a picture) was seen in an awaited frame, whose camera
+  // was there. covariance: of T_w_c, with what the marker's own views leave open.
+  LateOutcome late(const LateResult& seen, const MapMarker& marker, StageObserver* observer);
   // The map has moved under the camera.
   void moveWorld(const Transform& T_new_old) { integrator_.moveWorld(T_new_old); }
 
  private:
   [[nodiscard]] bool concerns(const FrameInput& frame) const;
   [[nodiscard]] std::optional<PoseEstimate> inWorld(std::optional<PoseEstimate> pose) const;
+  [[nodiscard]] std::span<const Eigen::Vector3d> pointsOf(const MapMarker& picture);
 
   const NaturalOptions& options_;
-  const MapCovariance& covariance_;
+  MapCovariance& covariance_;
   PoseIntegrator integrator_;
+  Counters* counters_;
   int anchor_ = -1;
   bool followed_ = false;             // the last frame with a pose from markers
   std::vector<KnownMarker> fitting_;  // reused from frame to frame
+  std::vector<Eigen::Vector3d> points_w_;
 };
 
 }  // namespace waymark::slam

@@ -14,6 +14,7 @@
 #include "slam/map_start.h"
 #include "slam/mapping/map_updater.h"
 #include "slam/marker_screening/marker_screening.h"
+#include "slam/picture_stage.h"
 #include "slam/tracking/frame_tracker.h"
 #include "slam/tracking/local_markers.h"
 
@@ -22,7 +23,7 @@ namespace waymark::slam {
 class Slam::Impl {
  public:
   Impl(const CameraModel& camera, Dictionary dictionary, const Options& options, Map map)
-      : options_(options),
+      : options_(withSurveyedPictures(options)),
         camera_(camera),
         detector_(camera_, std::move(dictionary), options_.detector, options_.follower, &counters_),
         screening_(options.markers, options.screening),
@@ -35,6 +36,7 @@ class Slam::Impl {
         map_(std::move(map)),
         covariance_(options_.markers, options_.covariance, map_, options_.mapping),
         features_(options_.natural, camera_, covariance_, &counters_),
+        pictures_({options_, &updater_, &covariance_, &features_, &map_, &counters_}),
         world_(options_.markers),
         start_({options_, camera_, tracker_.tracker(), &updater_, &covariance_, &map_}),
         batch_({options_, screening_, rolling_shutter_, tracker_.tracker(), &camera_, &updater_,
@@ -48,17 +50,18 @@ class Slam::Impl {
     FrameResult result;
     auto prediction = tracker_.predict(frame.time.monotonic_ns);
     result.detections = detector_.detect(frame, map_, local_, prediction, observer);
+    if (pictures_.hear(frame.late, observer)) result.map_changed = true;
     if (updater_.hasFinishedWork()) {
       const StageScope scope(observer, Stage::kMap);
       collectWork(&result);
       prediction = tracker_.predict(frame.time.monotonic_ns);  // in the map's new coordinates
     }
     const auto usable = screening_.screen(result.detections, camera_, map_, &counters_);
+    std::optional<TrackedFrame> tracked;
     if (map_.empty()) {
-      const StageScope scope(observer, Stage::kMap);
-      initialize(usable, frame.time, &result);
+      initialize(usable, frame, observer, &result);
     } else {
-      const auto tracked = track(usable, frame, prediction, observer, &result);
+      tracked = track(usable, frame, prediction, observer, &result);
       if (!tracked) bridge(usable, frame, observer, &result);
       if (options_.mapping) {
         const StageScope scope(observer, Stage::kMap);
@@ -68,6 +71,8 @@ class Slam::Impl {
       }
       followMap(observer, &result);
     }
+    const auto fitting = tracked ? tracked->fitting : std::span<const MarkerDetection>();
+    pictures_.await(frame, result, fitting, observer);
     if (result.pose) ++counters_.localized;
     if (options_.mapping && world_.isMissing(map_)) ++counters_.frames_in_other_world;
     return result;
@@ -96,22 +101,29 @@ class Slam::Impl {
     for (const Transform& T_new_old : finished.T_new_old) {
       tracker_.correct(T_new_old);
       features_.moveWorld(T_new_old);
+      pictures_.moveWorld(T_new_old);
     }
-    result->map_changed = !finished.T_new_old.empty();
+    if (!finished.T_new_old.empty()) result->map_changed = true;
     result->keyframe_added = finished.loop_closed;
     if (finished.loop_closed) local_.reset();
   }
 
   // Section 4.1.
-  void initialize(std::span<const MarkerDetection> usable, const FrameTime& time,
-                  FrameResult* result) {
-    result->state = TrackingState::kInitializing;
-    result->reason = options_.mapping ? start_.process(usable, time) : NoPoseReason::kNoMap;
-    result->map_changed = result->keyframe_added = result->reason == NoPoseReason::kNone;
-    result->pose = start_.pose();
-    if (!result->pose) return;
-    result->state = TrackingState::kTracking;
-    tracker_.commit(*result->pose, time.monotonic_ns);
+  void initialize(std::span<const MarkerDetection> usable, const FrameInput& frame,
+                  StageObserver* observer, FrameResult* result) {
+    {
+      const StageScope scope(observer, Stage::kMap);
+      result->state = TrackingState::kInitializing;
+      result->reason = options_.mapping ? start_.process(usable, frame.time) : NoPoseReason::kNoMap;
+      result->map_changed = result->keyframe_added = result->reason == NoPoseReason::kNone;
+      result->pose = start_.pose();
+    }
+    if (result->pose) {
+      result->state = TrackingState::kTracking;
+      tracker_.commit(*result->pose, frame.time.monotonic_ns);
+    } else if (pictures_.any()) {
+      (void)features_.bridge(frame, observer);  // from a frame that pictures may be found in
+    }
   }
 
   // Sections 4.3 and 4.8. Empty where the markers give no pose that is believed.
@@ -215,6 +227,7 @@ class Slam::Impl {
   Map map_;
   MapCovariance covariance_;
   FeatureStage features_;
+  PictureStage pictures_;
   WorldReference world_;
   MapStart start_;
   BatchMapper batch_;

@@ -22,6 +22,7 @@
 #include "io/maps/map_file.h"
 #include "io/maps/map_picture.h"
 #include "io/maps/old_map.h"
+#include "io/pictures/natural_marker_set.h"
 #include "io/recorded_detections.h"
 #include "io/settings/slam_settings.h"
 #include "io/text/number_text.h"
@@ -51,6 +52,7 @@ struct RunArguments {
   bool refine_intrinsics = false;
   std::string save_detections;
   std::optional<double> fps;
+  std::string natural;
   bool no_global = false;
   bool realtime = false;
   bool quiet = false;
@@ -66,6 +68,7 @@ struct RunSetup {
   std::optional<io::OutputDirectory> output;
   std::optional<io::OutputDirectory> detections;  // the directory of --save-detections
   std::optional<io::OldMap> old_map;
+  std::unique_ptr<DelayedRelocalizer> pictures;  // null without natural markers
 };
 
 // --map-in, or the one that the daemon began with when it made the recording.
@@ -119,6 +122,27 @@ Result<slam::Calibration> calibrationOf(const RunArguments& arguments,
   return Error{"--calibration is required"};
 }
 
+// The natural markers of --natural: the SLAM is told of them, and somebody looks for them.
+Status addPictures(const std::string& file, RunSetup* setup) {
+  if (file.empty()) return success();
+  if (!setup->input->hasImages()) {
+    return Error{"--natural: recorded detections have no images to look for pictures in"};
+  }
+  if (setup->input->unorderedImages() || !setup->options.natural.enabled) {
+    return Error{"--natural: needs a sequence of images, and slam.natural.enabled"};
+  }
+  Result<io::NaturalMarkerSet> set = io::readNaturalMarkers(file);
+  if (!set) return set.error();
+  for (const std::string& note : set->notes) std::fprintf(stderr, "waymark: %s\n", note.c_str());
+  setup->options.natural.prints = io::printsOf(*set);
+  if (const std::string reason = setup->options.invalidReason(); !reason.empty()) {
+    return Error{file + ": " + reason};
+  }
+  setup->pictures =
+      std::make_unique<DelayedRelocalizer>(io::picturesOf(std::move(*set)), setup->camera);
+  return success();
+}
+
 Result<RunSetup> prepare(const RunArguments& arguments) {
   Result<RecordedInputs> recorded = recordedInputs(arguments.source);
   if (!recorded) return recorded.error();
@@ -159,10 +183,12 @@ Result<RunSetup> prepare(const RunArguments& arguments) {
                  fitted.change,
                  std::move(output),
                  std::move(detections).value(),
-                 std::move(old_map).value()};
+                 std::move(old_map).value(),
+                 nullptr};
   setup.options.mapping = !settings->map.localize_only;
   if (setup.input->unorderedImages()) setup.options.treatAsUnorderedImages();
   if (setup.old_map) io::agreeOnReadout(&*setup.old_map, &setup.options);
+  if (const Status added = addPictures(arguments.natural, &setup); !added) return added.error();
   return setup;
 }
 
@@ -172,7 +198,8 @@ constexpr std::size_t kCameraFrames = 108'000;
 // Every frame. Returns why there are more than were processed; empty when there are not. What goes
 // wrong before anything was found is an error.
 Result<std::string> processAll(RunInput& input, const daemon::StopSignal& stop, slam::Slam& slam,
-                               StageTimer& timer, bool show_progress, RunRecord* record) {
+                               StageTimer& timer, DelayedRelocalizer* pictures, bool show_progress,
+                               RunRecord* record) {
   ProgressBar bar(input.frameCount(), show_progress);
   for (;;) {
     // A camera goes on until somebody stops it.
@@ -180,7 +207,7 @@ Result<std::string> processAll(RunInput& input, const daemon::StopSignal& stop, 
       return input.endless() ? std::string()
                              : "interrupted after " + std::to_string(record->frames()) + " frames";
     }
-    const Result<std::optional<RunInput::Step>> step = input.step(slam, timer);
+    const Result<std::optional<RunInput::Step>> step = input.step(slam, timer, pictures);
     if (!step) {
       if (input.endless()) {
         std::fprintf(stderr, "waymark: %s; that was the end\n", step.error().message.c_str());
@@ -315,7 +342,8 @@ Result<ExitCode> run(const RunArguments& arguments) {
   StageTimer timer(max_frames);
   RunRecord record(max_frames);
   const Result<std::string> incomplete =
-      processAll(*setup.input, stop, slam, timer, /*show_progress=*/!arguments.quiet, &record);
+      processAll(*setup.input, stop, slam, timer, setup.pictures.get(),
+                 /*show_progress=*/!arguments.quiet, &record);
   if (!incomplete) return incomplete.error();
   tellWhatIsMissing(*setup.input, record, *incomplete);
   bool complete = incomplete->empty();
@@ -395,6 +423,12 @@ void addRunCommand(CLI::App& app, int* exit_code) {
       ->add_option("--fps", arguments->fps,
                    "Frame rate, instead of the recording's own or the camera's fastest, Hz")
       ->check(frameRate());
+  command
+      ->add_option(
+          "--natural", arguments->natural,
+          "Natural markers (pictures whose print is known): a file as `waymark natural add` "
+          "makes it")
+      ->check(CLI::ExistingFile);
   CLI::Option* no_global =
       command->add_flag("--no-global", arguments->no_global,
                         "Leave the map as it was live: no optimization at the end");

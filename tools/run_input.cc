@@ -24,7 +24,8 @@ class FrameInput final : public RunInput {
         silence_(std::max(capture::silenceLimit(rate_hz, 0.0, {}),
                           capture::silenceLimit(source_->info().rate_hz, 0.0, {}))) {}
 
-  [[nodiscard]] Result<std::optional<Step>> step(slam::Slam& slam, StageTimer& timer) override {
+  [[nodiscard]] Result<std::optional<Step>> step(slam::Slam& slam, StageTimer& timer,
+                                                 DelayedRelocalizer* pictures) override {
     auto last_frame = std::chrono::steady_clock::now();
     for (;;) {
       capture::ReadResult read = source_->read(100ms);
@@ -37,10 +38,12 @@ class FrameInput final : public RunInput {
       const capture::FramePtr frame = std::get<capture::FramePtr>(std::move(read));
       const capture::FrameStamp& stamp = frame->stamp();
       if (!first_ns_) first_ns_ = source_->info().live ? stamp.monotonic_ns : 0;
+      slam::FrameInput input{.time = {stamp.sequence, stamp.monotonic_ns}, .image = frame->image()};
+      if (pictures != nullptr) input = pictures->prepare(input);
       timer.beginFrame();
-      const slam::FrameResult result = slam.process(
-          {.time = {stamp.sequence, stamp.monotonic_ns}, .image = frame->image()}, &timer);
+      const slam::FrameResult result = slam.process(input, &timer);
       timer.endFrame();
+      if (pictures != nullptr) pictures->look(input, result, slam.map());
       return std::optional<Step>({stamp.monotonic_ns - *first_ns_, result});
     }
   }
@@ -74,7 +77,10 @@ class DetectionsInput final : public RunInput {
         description_(name + ", " + std::to_string(recorded_.frames.size()) +
                      " frames of recorded detections") {}
 
-  [[nodiscard]] Result<std::optional<Step>> step(slam::Slam& slam, StageTimer& timer) override {
+  [[nodiscard]] bool hasImages() const override { return false; }
+
+  [[nodiscard]] Result<std::optional<Step>> step(slam::Slam& slam, StageTimer& timer,
+                                                 DelayedRelocalizer* /*pictures*/) override {
     if (next_ == recorded_.frames.size()) return std::optional<Step>{};
     const io::RecordedFrame& frame = recorded_.frames[next_];
     timer.beginFrame();

@@ -9,6 +9,7 @@
 #include "base/result.h"
 #include "slam/geometry/calibration_fit.h"
 #include "slam/slam.h"
+#include "tools/natural/delayed_relocalizer.h"
 #include "tools/stage_timer.h"
 
 namespace waymark::tools {
@@ -34,8 +35,12 @@ class RunInput {
   RunInput& operator=(const RunInput&) = delete;
   virtual ~RunInput() = default;
 
-  // Processes the next frame. Empty at the end of the recording.
-  [[nodiscard]] virtual Result<std::optional<Step>> step(slam::Slam& slam, StageTimer& timer) = 0;
+  // Processes the next frame. Empty at the end of the recording. `pictures`: null where nobody
+  // looks for natural markers; that is not the SLAM's time.
+  [[nodiscard]] virtual Result<std::optional<Step>> step(slam::Slam& slam, StageTimer& timer,
+                                                         DelayedRelocalizer* pictures) = 0;
+  // Natural markers can be looked for.
+  [[nodiscard]] virtual bool hasImages() const { return true; }
 
   [[nodiscard]] virtual const std::string& description() const = 0;
   [[nodiscard]] virtual std::optional<std::int64_t> frameCount() const = 0;

@@ -4,6 +4,7 @@
 #include <array>
 #include <cmath>
 #include <cstdint>
+#include <limits>
 #include <span>
 #include <string_view>
 #include <utility>
@@ -121,6 +122,17 @@ Json markerJson(const slam::MapMarker& marker, const std::string& dictionary) {
     json["former_poses"] = Json::array();
     for (const slam::Transform& T : marker.former_poses) json["former_poses"].push_back(toJson(T));
   }
+  return json;
+}
+
+// As markerJson(), of a natural marker.
+Json pictureJson(const slam::MapMarker& marker) {
+  Json json = markerJson(marker, "");
+  json.erase("dictionary");
+  json.erase("size");
+  json["name"] = marker.picture;
+  json["width"] = marker.size_m;
+  json["height"] = marker.height_m;
   return json;
 }
 
@@ -267,6 +279,12 @@ class MapReader {
         if (!root_.good()) return file;
       }
     }
+    if (root_.has("natural_markers")) {
+      for (const JsonNode& node : root_.at("natural_markers").elements()) {
+        readPicture(node, &file.map);
+        if (!root_.good()) return file;
+      }
+    }
     const std::vector<JsonNode> keyframes = root_.at("keyframes").elements();
     if (!keyframes.empty() && !file.camera) root_.at("camera").fail("must be there: keyframes are");
     if (!root_.good() || !file.camera) return file;
@@ -303,6 +321,36 @@ class MapReader {
     slam::MapMarker marker;
     marker.id = id;
     marker.size_m = size_m;
+    readPlace(node, posed, &marker);
+    if (node.good() && !map->putMarker(marker)) {
+      node.at("other_T_w_m").fail("must not be there without a first pose");
+    }
+  }
+
+  void readPicture(const JsonNode& node, slam::Map* map) const {
+    slam::MapMarker marker;
+    marker.picture = node.at("name").text();
+    marker.id = slam::pictureId(marker.picture);
+    marker.size_m = node.at("width").positive();
+    marker.height_m = node.at("height").positive();
+    if (!node.good()) return;
+    if (marker.picture.empty()) node.at("name").fail("must not be empty");
+    if (node.at("id").integer(0, std::numeric_limits<int>::max()) != marker.id && node.good()) {
+      node.at("id").fail("is not the one that comes from the name, " + std::to_string(marker.id));
+    }
+    if (!isSize(marker.size_m)) node.at("width").fail(kSizes);
+    if (!isSize(marker.height_m)) node.at("height").fail(kSizes);
+    if (map->find(marker.id) != nullptr) node.at("name").fail("occurs twice");
+    if (!node.good()) return;
+    readPlace(node, node.has("T_w_m"), &marker);
+    if (node.good() && !map->putMarker(marker)) {
+      node.at("other_T_w_m").fail("must not be there without a first pose");
+    }
+  }
+
+  // State and poses. Precondition: id and size are known.
+  static void readPlace(const JsonNode& node, bool posed, slam::MapMarker* to) {
+    slam::MapMarker& marker = *to;
     marker.state = posed ? MarkerState::kMapped : MarkerState::kUnresolved;
     if (node.has("state")) marker.state = readState(node.at("state"));
     if (posed) marker.T_w_m = node.at("T_w_m").transform();
@@ -317,9 +365,6 @@ class MapReader {
       for (const JsonNode& pose : node.at("former_poses").elements()) {
         marker.former_poses.push_back(pose.transform());
       }
-    }
-    if (node.good() && !map->putMarker(marker)) {
-      node.at("other_T_w_m").fail("must not be there without a first pose");
     }
   }
 
@@ -372,7 +417,8 @@ class MapReader {
     std::vector<slam::MarkerLink> links;
     for (const JsonNode& element : node.elements()) {
       slam::MarkerLink link;
-      link.marker = static_cast<int>(element.at("marker").integer(0, largest_id_));
+      link.marker =
+          static_cast<int>(element.at("marker").integer(0, std::numeric_limits<int>::max()));
       if (node.good() && map.findPosed(link.marker) == nullptr) {
         element.at("marker").fail("the map has no marker " + std::to_string(link.marker) +
                                   " with a pose");
@@ -420,9 +466,9 @@ class MapReader {
   slam::KeyframeId last_keyframe_ = -1;
 };
 
-constexpr std::array<std::string_view, 9> kKeys = {"format",     "version",         "checksum",
-                                                   "dictionary", "camera",          "field",
-                                                   "markers",    "unposed_markers", "keyframes"};
+constexpr std::array<std::string_view, 10> kKeys = {
+    "format", "version", "checksum",        "dictionary",      "camera",
+    "field",  "markers", "unposed_markers", "natural_markers", "keyframes"};
 
 void checkHead(const JsonNode& root) {
   if (root.at("format").text() != kFormat) {
@@ -458,7 +504,12 @@ std::string formatMap(const slam::Map& map, const std::optional<slam::Calibratio
                       double readout_s, const std::optional<FieldSize>& field) {
   std::vector<Json> posed;
   std::vector<Json> unposed;
+  std::vector<Json> pictures;
   for (const auto& [id, marker] : map.markers()) {
+    if (slam::isPicture(id)) {
+      pictures.push_back(pictureJson(marker));
+      continue;
+    }
     (marker.T_w_m ? posed : unposed).push_back(markerJson(marker, map.dictionary));
   }
   std::vector<Json> keyframes;
@@ -470,6 +521,7 @@ std::string formatMap(const slam::Map& map, const std::optional<slam::Calibratio
   if (field) body += jsonField("field", fieldJson(*field));
   body += jsonList("markers", posed) + ",\n";
   body += jsonList("unposed_markers", unposed) + ",\n";
+  if (!pictures.empty()) body += jsonList("natural_markers", pictures) + ",\n";
   body += jsonList("keyframes", keyframes) + "}\n";
   return head + checksumLine(checksum(head, body)) + body;
 }

@@ -289,6 +289,64 @@ TEST(MapFile, FaultsOfLinks) {
   }
 }
 
+slam::Map mapWithPictures() {
+  slam::Map map = linkedMap();
+  slam::PicturePrint print;
+  print.width_m = 0.3;
+  print.height_m = 0.4;
+  print.name = "a \"poster\"";
+  const int posed = map.addPicture(print).id;
+  slam::Transform T_w_m;
+  T_w_m.p = {1.0, 2.0, 0.5};
+  map.place(posed, T_w_m);
+  map.addLink(9, {posed, {}, 1e-6 * slam::Matrix6d::Identity()});
+  print.name = "not placed yet";
+  map.addPicture(print);
+  return map;
+}
+
+TEST(MapFile, NaturalMarkersReadBack) {
+  const slam::Map map = mapWithPictures();
+  const std::string text = formatMap(map, kCamera);
+  const Result<MapFile> file = parseMap(text, "m.json");
+  ASSERT_TRUE(file) << file.error().message;
+  EXPECT_EQ(formatMap(file->map, file->camera), text);
+  const slam::MapMarker* const poster = file->map.find(slam::pictureId("a \"poster\""));
+  ASSERT_NE(poster, nullptr);
+  EXPECT_EQ(poster->picture, "a \"poster\"");
+  EXPECT_EQ(poster->size_m, 0.3);
+  EXPECT_EQ(poster->height_m, 0.4);
+  EXPECT_EQ(poster->T_w_m->p, Eigen::Vector3d(1.0, 2.0, 0.5));
+  EXPECT_NEAR(poster->cornersInWorld()[0].y(), 2.2, 1e-12) << "half its height above the middle";
+  EXPECT_EQ(file->map.linkedFrom(poster->id).size(), 1U);
+  const slam::MapMarker* const other = file->map.find(slam::pictureId("not placed yet"));
+  ASSERT_NE(other, nullptr);
+  EXPECT_FALSE(other->T_w_m);
+  EXPECT_EQ(sampleText().find("natural"), std::string::npos) << "without any, not a word of them";
+}
+
+TEST(MapFile, FaultsOfNaturalMarkers) {
+  using Edit = std::function<void(nlohmann::ordered_json&)>;  // of the list
+  const std::pair<Edit, std::string> cases[] = {
+      {[](auto& l) { l[0].erase("name"); }, "natural_markers[0].name: is missing"},
+      {[](auto& l) { l[1]["name"] = l[0]["name"]; }, "natural_markers[1]"},
+      {[](auto& l) { l[0]["name"] = "other"; }, "natural_markers[0].id: is not the one that comes"},
+      {[](auto& l) { l[0]["width"] = 0; }, "natural_markers[0].width: must be"},
+      {[](auto& l) { l[0]["height"] = 1e9; }, "natural_markers[0].height: must be"},
+      {[](auto& l) { l[0]["state"] = "odd"; }, "natural_markers[0].state: "},
+      {[](auto& l) { l = 4; }, "natural_markers: must be a list"},
+  };
+  for (const auto& [edit, complaint] : cases) {
+    nlohmann::ordered_json json =
+        nlohmann::ordered_json::parse(formatMap(mapWithPictures(), kCamera));
+    json.erase("checksum");
+    edit(json["natural_markers"]);
+    const std::string error = errorOf(json.dump());
+    EXPECT_NE(error.find(complaint), std::string::npos) << error << "\n  not: " << complaint;
+    EXPECT_EQ(error.find('\n'), std::string::npos) << error;
+  }
+}
+
 TEST(MapFile, MapsWithoutCameraOrAnything) {
   slam::Map map;
   map.dictionary = "4X4_50";

@@ -21,7 +21,8 @@ Status checkMarkers(const slam::Map& map, const OldMapUse& use) {
   for (const auto& [id, marker] : map.markers()) {
     constexpr double kSame = 1e-6;
     const double wanted_m = use.markers.sizeOf(id);
-    if (use.markers.isIgnored(id) || std::abs(marker.size_m - wanted_m) <= kSame * wanted_m) {
+    if (slam::isPicture(id) || use.markers.isIgnored(id) ||
+        std::abs(marker.size_m - wanted_m) <= kSame * wanted_m) {
       continue;
     }
     return Error{"markers: marker " + std::to_string(id) + " has a side of " +

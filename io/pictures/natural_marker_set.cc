@@ -10,6 +10,7 @@
 #include "io/pictures/feature_cache.h"
 #include "io/text/number_text.h"
 #include "io/text/text_file.h"
+#include "slam/natural/pictures/picture_points.h"
 
 namespace waymark::io {
 namespace {
@@ -107,6 +108,29 @@ Result<NaturalMarkerSet> readNaturalMarkers(const fs::path& file,
     (void)writeTextFile(featureCachePath(file), formatFeatureCache(next));
   }
   return set;
+}
+
+std::vector<slam::PicturePrint> printsOf(const NaturalMarkerSet& set) {
+  std::vector<slam::PicturePrint> prints;
+  for (std::size_t i = 0; i < set.entries.size(); ++i) {
+    const NaturalMarkerEntry& entry = set.entries[i];
+    const slam::NaturalMarker& marker = set.markers[i];
+    prints.push_back({.name = entry.name,
+                      .width_m = marker.width_m(),
+                      .height_m = marker.height_m(),
+                      .T_w_m = entry.T_w_m,
+                      .points_m = slam::picturePoints(marker)});
+  }
+  return prints;
+}
+
+std::vector<slam::PosedNaturalMarker> picturesOf(NaturalMarkerSet set) {
+  std::vector<slam::PosedNaturalMarker> pictures;
+  for (std::size_t i = 0; i < set.entries.size(); ++i) {
+    pictures.push_back(
+        {slam::pictureId(set.entries[i].name), std::move(set.markers[i]), set.entries[i].T_w_m});
+  }
+  return pictures;
 }
 
 }  // namespace waymark::io

@@ -7,6 +7,7 @@
 
 #include "base/result.h"
 #include "io/pictures/natural_marker_file.h"
+#include "slam/map/picture_print.h"
 #include "slam/natural/pictures/natural_marker.h"
 
 namespace waymark::io {
@@ -29,5 +30,9 @@ struct NaturalMarkerSet {
 // cache beside the file where it has them; a new cache is written where it can be.
 [[nodiscard]] Result<NaturalMarkerSet> readNaturalMarkers(
     const std::filesystem::path& file, const slam::NaturalMarkerOptions& options = {});
+
+// What the SLAM is told of them, and what its relocalizer looks for.
+[[nodiscard]] std::vector<slam::PicturePrint> printsOf(const NaturalMarkerSet& set);
+[[nodiscard]] std::vector<slam::PosedNaturalMarker> picturesOf(NaturalMarkerSet set);
 
 }  // namespace waymark::io

@@ -79,6 +79,21 @@ Matrix6d MapCovariance::sharedAt(const Eigen::Vector3d& p_w) const {
   return T * doubt_.covariance * T.transpose();
 }
 
+void MapCovariance::doubtAs(const MapMarker& marker) {
+  const Matrix6d* const known = marginals_.find(marker.id);
+  doubt_ = {marker.T_w_m->p, known == nullptr ? marker.world_covariance : *known};
+}
+
+bool MapCovariance::doubtIfLess(const MapMarker& marker, const Eigen::Vector3d& p_w) {
+  const PlaceDoubt before = doubt_;
+  const auto here = [&] { return sharedAt(p_w).topLeftCorner<3, 3>().trace(); };
+  const double was = here();
+  doubtAs(marker);
+  if (here() < was) return true;
+  doubt_ = before;
+  return false;
+}
+
 Matrix6d MapCovariance::follow(const PoseSolution& solution, std::span<const KnownMarker> markers) {
   if (!options_.enabled) return solution.covariance;
   const auto in_world = worldCovariance(solution, markers, marginals_, doubt_);

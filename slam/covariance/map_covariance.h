@@ -53,6 +53,11 @@ class MapCovariance {
                                  std::span<const KnownMarker> markers) const;
   // What poses near the last frame's, here, have in common that the map does not know.
   [[nodiscard]] Matrix6d sharedAt(const Eigen::Vector3d& p_w) const;
+  // The next poses are from this marker: what the map does not know of it is theirs. Precondition:
+  // it has a pose.
+  void doubtAs(const MapMarker& marker);
+  // The same where that is less, here, than what was so far. Whether it was.
+  bool doubtIfLess(const MapMarker& marker, const Eigen::Vector3d& p_w);
   // As inWorld(), of the newest frame: its doubt holds for the next ones whose markers are all new.
   [[nodiscard]] Matrix6d follow(const PoseSolution& solution, std::span<const KnownMarker> markers);
 

@@ -13,6 +13,7 @@
 #include "slam/geometry/robust.h"
 #include "slam/geometry/small_cholesky.h"
 #include "slam/geometry/turned_covariance.h"
+#include "slam/map/world_reference.h"
 #include "slam/optimization/block_kernels.h"
 #include "slam/optimization/block_system.h"
 #include "slam/optimization/bundle_adjuster.h"
@@ -55,7 +56,8 @@ Pattern startPattern(const Map& map, const MarkerOptions& markers) {
   Pattern pattern;
   for (const auto& [id, marker] : map.markers()) {
     if (!marker.T_w_m) continue;
-    const bool fixed = markers.origin_marker == id || map.viewsOf(id).empty();
+    const bool nobody_says = map.viewsOf(id).empty() && map.linkedFrom(id).empty();
+    const bool fixed = markers.origin_marker == id || nobody_says;
     (fixed ? pattern.given : pattern.unknown).push_back(id);
   }
   return pattern;
@@ -165,7 +167,7 @@ void addKeyframe(std::vector<LinearizedView>* views, bool held, BlockSystem* sys
 Task<MapMarginals> recoverMarginals(const Map& map, const MarkerOptions& markers,
                                     double residual_sigma, Budget* budget) {
   Pattern pattern = startPattern(map, markers);
-  const bool first_is_world = !markers.origin_marker && markers.anchors.empty();
+  const bool first_is_world = firstKeyframeIsWorld(map, markers);
   std::vector<std::vector<int>> neighbours(pattern.unknown.size());
   for (auto it = map.keyframes().begin(); it != map.keyframes().end();) {
     const KeyframeId id = it->first;

@@ -1,4 +1,4 @@
-// Covariances of poses in other axes.
+// Covariances of poses in other axes, and of their inverses.
 #pragma once
 
 #include "slam/geometry/transform.h"
@@ -12,6 +12,18 @@ namespace waymark::slam {
   Matrix6d turn = Matrix6d::Zero();
   turn.topLeftCorner<3, 3>() = turn.bottomRightCorner<3, 3>() = R_a_b;
   return turn * covariance * turn.transpose();
+}
+
+// Of (dp, dtheta) of T_a_b^-1, from that of T_a_b. To first order: (R Exp, p + dp) turns the other
+// frame by -R^T dtheta, and moves it by -R^T (dp + p x dtheta).
+[[nodiscard]] inline Matrix6d covarianceOfInverse(const Transform& T_a_b,
+                                                  const Matrix6d& covariance) {
+  const Eigen::Matrix3d R_b_a = T_a_b.R.transpose();
+  Matrix6d J = Matrix6d::Zero();
+  J.topLeftCorner<3, 3>() = -R_b_a;
+  J.topRightCorner<3, 3>() = -R_b_a * skew(T_a_b.p);
+  J.bottomRightCorner<3, 3>() = -R_b_a;
+  return J * covariance * J.transpose();
 }
 
 }  // namespace waymark::slam

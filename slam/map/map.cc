@@ -24,6 +24,9 @@ bool MapMarker::isSound() const {
 
 std::array<Eigen::Vector3d, 4> MapMarker::cornersInWorld() const {
   std::array<Eigen::Vector3d, 4> corners = markerCorners(size_m);
+  if (height_m > 0.0) {
+    for (Eigen::Vector3d& corner : corners) corner.y() *= height_m / size_m;
+  }
   for (Eigen::Vector3d& corner : corners) corner = *T_w_m * corner;
   return corners;
 }
@@ -55,6 +58,12 @@ std::span<const KeyframeId> Map::viewsOf(int marker_id) const {
   return found->second;
 }
 
+std::span<const KeyframeId> Map::linkedFrom(int marker_id) const {
+  const auto found = linked_from_.find(marker_id);
+  if (found == linked_from_.end()) return {};
+  return found->second;
+}
+
 std::vector<KeyframeId> Map::neighbours(KeyframeId keyframe) const {
   std::vector<KeyframeId> neighbours{keyframe};
   for (const MarkerDetection& detection : keyframes_.at(keyframe).detections) {
@@ -82,6 +91,16 @@ const MapMarker& Map::addMarker(int marker_id, double size_m) {
     marker.id = marker_id;
     marker.size_m = size_m;
   }
+  return marker;
+}
+
+const MapMarker& Map::addPicture(const PicturePrint& print) {
+  const int id = pictureId(print.name);
+  (void)addMarker(id, print.width_m);
+  MapMarker& marker = markers_.at(id);
+  marker.size_m = print.width_m;
+  marker.height_m = print.height_m;
+  marker.picture = print.name;
   return marker;
 }
 

@@ -11,6 +11,7 @@
 
 #include "slam/detection/marker_detection.h"
 #include "slam/geometry/transform.h"
+#include "slam/map/picture_print.h"
 #include "slam/map/shared_detections.h"
 
 namespace waymark::slam {
@@ -27,7 +28,9 @@ enum class MarkerState {
 
 struct MapMarker {
   int id = -1;
-  double size_m = 0.0;
+  double size_m = 0.0;    // a picture's width
+  double height_m = 0.0;  // of a picture; 0: a square
+  std::string picture{};  // its name, where it is one (picture_print.h); ids are isPicture() then
   MarkerState state = MarkerState::kUnresolved;
   std::optional<Transform> T_w_m;  // gamma_m; has a value when the state is kMapped, and only then
   // The second pose that explains the views nearly as well; empty once the evidence has decided.
@@ -45,9 +48,9 @@ struct MapMarker {
   [[nodiscard]] std::array<Eigen::Vector3d, 4> cornersInWorld() const;
 };
 
-// Where a marker is as seen from a keyframe that does not show it: carried there, by natural
-// features, since it was last in view. To the optimizations it is one more view of the marker,
-// which no gate leaves out.
+// Where a marker is as seen from a keyframe that has no corners of it: carried there, by natural
+// features, since it was last in view; or found there as a picture. To the optimizations it is one
+// more view of the marker, which no gate leaves out.
 struct MarkerLink {
   int marker = -1;
   Transform T_c_m;
@@ -88,6 +91,8 @@ class Map {
   [[nodiscard]] const MapMarker* findPosed(int marker_id) const;
   // V(m) of Eq. 32: the keyframes that see a marker, oldest first.
   [[nodiscard]] std::span<const KeyframeId> viewsOf(int marker_id) const;
+  // The keyframes that are linked to a marker, in the order of the links.
+  [[nodiscard]] std::span<const KeyframeId> linkedFrom(int marker_id) const;
   // G(f) of Eq. 30: the keyframes that share a marker with the given one, itself among them.
   // Precondition: the keyframe exists.
   [[nodiscard]] std::vector<KeyframeId> neighbours(KeyframeId keyframe) const;
@@ -96,6 +101,8 @@ class Map {
 
   // Adds the marker, without a pose; one that is known already stays as it is.
   const MapMarker& addMarker(int marker_id, double size_m);
+  // The same of a picture.
+  const MapMarker& addPicture(const PicturePrint& print);
   // A marker as a file or another map has it, in place of what is known of it. False, and nothing
   // is done, when it is not sound.
   [[nodiscard]] bool putMarker(const MapMarker& marker);

@@ -4,6 +4,11 @@
 
 namespace waymark::slam {
 
+bool firstKeyframeIsWorld(const Map& map, const MarkerOptions& markers) {
+  const auto is_missing = [&](int id) { return map.findPosed(id) == nullptr; };
+  return !markers.origin_marker && std::ranges::all_of(markers.anchors, is_missing, &Anchor::id);
+}
+
 bool WorldReference::isMissing(const Map& map) {
   if (found_) return false;
   const auto is_missing = [&](int id) { return map.findPosed(id) == nullptr; };

@@ -6,6 +6,9 @@
 
 namespace waymark::slam {
 
+// Nothing else does: no origin marker is wanted, and no anchor has a place in the map.
+[[nodiscard]] bool firstKeyframeIsWorld(const Map& map, const MarkerOptions& markers);
+
 class WorldReference {
  public:
   // The options must outlive it.

@@ -56,6 +56,12 @@ std::optional<int> MapUpdater::growThroughGap(CarriedFrame frame, Map* map) {
   return joint->marker.id;
 }
 
+bool MapUpdater::growByPicture(const AwaitedFrame& frame, const LateResult& seen, Map* map) {
+  const auto joint = pictures_.offer(frame, seen, *map);
+  if (joint) mapper_.insert(*joint, map, counters_);
+  return joint.has_value();
+}
+
 // What the screening has noticed goes into the map, and out of the frame. True when the map
 // changed.
 bool MapUpdater::screenMarkers(const TrackedFrame& frame, Map* map) {
@@ -91,11 +97,13 @@ FinishedWork MapUpdater::collect(Map* map) {
     if (T_new_old) finished.T_new_old.push_back(*T_new_old);
     return T_new_old.has_value();
   };
+  add(mapper_.takeWorldMotion());
   add(mapper_.collect(map, counters_));
   add(rolling_shutter_->collect(camera_, options_.loops.optimization, map));
   const std::uint64_t closures = counters_->loop_closures;
   add(loops_.collect(map));
   finished.loop_closed = counters_->loop_closures != closures;
+  for (const Transform& T_new_old : finished.T_new_old) pictures_.moveWorld(T_new_old);
   return finished;
 }
 

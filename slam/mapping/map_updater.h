@@ -56,6 +56,7 @@ class MapUpdater {
         mapper_(options.markers, camera.focalLength(), options.mapper),
         gaps_(options.markers, camera.focalLength(), options.mapper.marker_pose,
               options.mapper.gaps),
+        pictures_(options.mapper.pictures),
         loops_(options.markers, options.loops, options.relocalization, camera, optimizer, local,
                screening, counters) {}
 
@@ -65,13 +66,17 @@ class MapUpdater {
   // From a frame without a pose from markers, whose detections are as they were seen. The marker
   // that joined the map, if one did.
   [[nodiscard]] std::optional<int> growThroughGap(CarriedFrame frame, Map* map);
+  // A picture seen from an earlier frame. False where that changes nothing. Precondition: it is
+  // among the map's markers.
+  [[nodiscard]] bool growByPicture(const AwaitedFrame& frame, const LateResult& seen, Map* map);
   // Tracking was lost: a closure under way is of no use any more.
   void cancelLoopClosure() { loops_.cancel(); }
 
   // A slice of what is under way, of a cost of at most `budget`.
   void work(double budget, const Map& map);
   [[nodiscard]] bool hasFinishedWork() const {
-    return mapper_.isDone() || rolling_shutter_->isDone() || loops_.isDone();
+    return mapper_.worldMoved() || mapper_.isDone() || rolling_shutter_->isDone() ||
+           loops_.isDone();
   }
   // Puts into the map what is done.
   [[nodiscard]] FinishedWork collect(Map* map);
@@ -97,6 +102,7 @@ class MapUpdater {
   Counters* counters_;
   Mapper mapper_;
   GapMapper gaps_;
+  PictureMapper pictures_;
   LoopClosureManager loops_;
   std::vector<MarkerDetection> fitting_;  // reused from frame to frame
   std::vector<MarkerDetection> carried_;  // likewise

@@ -24,6 +24,7 @@ std::string MapperOptions::invalidReason() const {
       keyframes.invalidReason(),
       marker_pose.invalidReason(),
       gaps.invalidReason(),
+      pictures.invalidReason(),
       local_map.invalidReason(),
       local_optimization.invalidReason(),
       firstUnmet({
@@ -47,6 +48,7 @@ Transform Mapper::begin(const Start& start, Map* map, Counters* counters) {
     pose(marker.id, marker.T_w_m, marker.other_T_w_m, map);
   }
   fixWorld(map);
+  world_moved_.reset();  // nothing else was in the map's coordinates yet
   residual_sigma_ =
       optimizeLocally(map, last, markers_, options_.local_optimization).residual_sigma;
   return map->keyframes().at(last).T_w_c;
@@ -82,6 +84,19 @@ void Mapper::insert(const GapJoint& joint, Map* map, Counters* counters) {
   for (const Keyframe& keyframe : joint.keyframes) insert(keyframe, map, counters);
   pose(joint.marker.id, joint.marker.T_w_m, joint.marker.other_T_w_m, map);
   ++counters->linked_markers;
+}
+
+void Mapper::insert(const PictureJoint& joint, Map* map, Counters* counters) {
+  if (joint.moved) {
+    map->quarantine(joint.id);
+    ++counters->quarantined_markers;
+    return;
+  }
+  if (joint.T_w_m) {
+    map->place(joint.id, *joint.T_w_m, {}, joint.covariance);
+    ++counters->mapped_pictures;
+  }
+  for (const Keyframe& keyframe : joint.keyframes) insert(keyframe, map, counters);
 }
 
 // Section 4.7.
@@ -210,7 +225,8 @@ void Mapper::fixWorld(Map* map) {
   if (world_fixed_) return;
   if (markers_.origin_marker) {
     if (const MapMarker* origin = map->findPosed(*markers_.origin_marker)) {
-      map->moveWorld(origin->T_w_m->inverse());
+      world_moved_ = origin->T_w_m->inverse();
+      map->moveWorld(*world_moved_);
       map->place(origin->id, Transform{}, origin->other_T_w_m, origin->covariance);  // exactly
       world_fixed_ = true;
     }
@@ -218,7 +234,8 @@ void Mapper::fixWorld(Map* map) {
   }
   for (const Anchor& anchor : markers_.anchors) {
     if (const MapMarker* marker = map->findPosed(anchor.id)) {
-      map->moveWorld(anchor.T_w_m * marker->T_w_m->inverse());
+      world_moved_ = anchor.T_w_m * marker->T_w_m->inverse();
+      map->moveWorld(*world_moved_);
       world_fixed_ = true;
       return;
     }

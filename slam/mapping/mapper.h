@@ -5,6 +5,7 @@
 #include <optional>
 #include <span>
 #include <string>
+#include <utility>
 
 #include "base/task.h"
 #include "slam/counters.h"
@@ -13,6 +14,7 @@
 #include "slam/map/map.h"
 #include "slam/map/marker_options.h"
 #include "slam/mapping/gap_mapper.h"
+#include "slam/mapping/picture_mapper.h"
 #include "slam/marker_pose/marker_resolver.h"
 #include "slam/optimization/map_optimizer.h"
 
@@ -22,6 +24,7 @@ struct MapperOptions {
   KeyframeOptions keyframes;
   MarkerResolverOptions marker_pose;
   GapMapperOptions gaps;
+  PictureMapperOptions pictures;
   LocalMapOptions local_map;
   // After each keyframe. Few iterations do: the next keyframe's goes on from there.
   BundleOptions local_optimization{.max_iterations = 5, .min_relative_decrease = 1e-3};
@@ -58,6 +61,8 @@ class Mapper {
   void insert(const Keyframe& frame, Map* map, Counters* counters);
   // The same with what was carried through a gap: its marker hangs where the joint says.
   void insert(const GapJoint& joint, Map* map, Counters* counters);
+  // What a picture changes. Precondition: it is among the map's markers.
+  void insert(const PictureJoint& joint, Map* map, Counters* counters);
   // Section 4.5 for all markers without a pose, as sure as the whole map is of itself: what could
   // not be decided as the frames came may be with more views and better cameras.
   void resolveAll(Map* map);
@@ -67,6 +72,11 @@ class Mapper {
   // T_new_old; empty when none is done.
   std::optional<Transform> collect(Map* map, Counters* counters);
   [[nodiscard]] bool isDone() const { return local_ && local_->done(); }
+  // What was to fix the world has a place since, and all coordinates are others: T_new_old. Once.
+  [[nodiscard]] std::optional<Transform> takeWorldMotion() {
+    return std::exchange(world_moved_, std::nullopt);
+  }
+  [[nodiscard]] bool worldMoved() const { return world_moved_.has_value(); }
   // Nothing is wanted, and nothing waits to be collected.
   [[nodiscard]] bool idle() const { return !local_ && !wanted_; }
 
@@ -91,7 +101,8 @@ class Mapper {
   std::optional<SlicedTask<MapCorrection>> local_;
   KeyframeId local_keyframe_ = -1;
   std::optional<KeyframeId> wanted_;
-  bool world_fixed_ = false;  // by an origin marker or an anchor
+  bool world_fixed_ = false;              // by an origin marker or an anchor
+  std::optional<Transform> world_moved_;  // T_new_old, that nobody was told of yet
 };
 
 }  // namespace waymark::slam

@@ -2,19 +2,28 @@
 
 #include <algorithm>
 #include <cmath>
+#include <map>
+#include <utility>
 
 #include <Eigen/Cholesky>
 
 #include "base/elapsed.h"
+#include "slam/covariance/marginals.h"
 #include "slam/option_checks.h"
 
 namespace waymark::slam {
 namespace {
 
+// Of the pose that a picture gives: its other one has been refuted.
+constexpr double kUnambiguous = 1e6;
+
 // Three standard deviations of the error's length.
 double threeSigma(const Eigen::Matrix3d& covariance) {
   return 3.0 * std::sqrt(std::max(0.0, covariance.trace()));
 }
+
+// Of the position.
+double variance(const Matrix6d& covariance) { return covariance.topLeftCorner<3, 3>().trace(); }
 
 bool isFinite(const FilteredPose& pose) {
   return pose.covariance.allFinite() && pose.T_w_c.p.allFinite();
@@ -38,6 +47,22 @@ std::string PoseIntegratorOptions::invalidReason() const {
 }
 
 std::string NaturalOptions::invalidReason() const {
+  std::map<int, std::string> names;
+  for (const PicturePrint& print : prints) {
+    const std::string of = "the natural marker \"" + print.name + "\"";
+    if (print.name.empty()) return "a natural marker has no name";
+    if (!isPositive(print.width_m) || !isPositive(print.height_m)) {
+      return of + " has no width or no height";
+    }
+    if (!isPositive(print.sigma_m) || !isPositive(print.sigma_rad)) {
+      return of + ": its sigmas must be positive";
+    }
+    const auto [other, is_new] = names.emplace(pictureId(print.name), print.name);
+    if (!is_new && other->second == print.name) return of + " is given twice";
+    if (!is_new) {
+      return of + " and \"" + other->second + "\" have the same number: rename one of them";
+    }
+  }
   return firstReason({filter.invalidReason(), integrator.invalidReason()});
 }
 
@@ -52,6 +77,9 @@ bool PoseIntegrator::follow(std::int64_t time_ns, const ImageView& image, const 
   const bool features_knew = bridging_ || fused_;
   fused_.reset();
   if (!filter_) return true;
+  if (adrift_ || anew_) filter_->reset();  // the markers know better
+  adrift_ = anew_ = false;
+  late_refusals_ = 0;
   advance(time_ns);
   if (running() && contradicts(pose)) {
     if (++contradictions_ < options_.integrator.witnesses) return !features_knew;
@@ -77,9 +105,6 @@ bool PoseIntegrator::follow(std::int64_t time_ns, const ImageView& image, const 
 std::optional<PoseEstimate> PoseIntegrator::fusedPose(const PoseEstimate& of_markers,
                                                       const VisualUpdate& update) const {
   const FilteredPose pose = filter_->pose();
-  const auto variance = [](const Matrix6d& covariance) {
-    return covariance.topLeftCorner<3, 3>().trace();
-  };
   if (update.believed < options_.integrator.min_features || !isFinite(pose) ||
       !(variance(pose.covariance) < variance(of_markers.view_covariance))) {
     return std::nullopt;
@@ -92,20 +117,27 @@ std::optional<PoseEstimate> PoseIntegrator::fusedPose(const PoseEstimate& of_mar
   return fused;
 }
 
+std::optional<VisualUpdate> PoseIntegrator::look(std::int64_t time_ns, const ImageView& image) {
+  const VisualUpdate update = filter_->update(image, camera_, {});
+  if (update.believed >= options_.integrator.min_features) last_seen_ns_ = time_ns;
+  const double blind_s = secondsBetween(last_seen_ns_, time_ns);
+  if (blind_s <= options_.integrator.max_blind_s && isFinite(filter_->pose())) return update;
+  filter_->reset();
+  adrift_ = anew_ = false;
+  return std::nullopt;
+}
+
 std::optional<PoseEstimate> PoseIntegrator::bridge(std::int64_t time_ns, const ImageView& image) {
   bridging_ = false;
   fused_.reset();
   advance(time_ns);
   if (!running()) return std::nullopt;
-  const VisualUpdate update = filter_->update(image, camera_, {});
-  const bool seen = update.believed >= options_.integrator.min_features;
-  if (seen) last_seen_ns_ = time_ns;
+  if (std::exchange(anew_, false)) beginAtKnownPoints(image);
+  const auto update = look(time_ns, image);
+  if (!update || adrift_) return std::nullopt;
+  const bool seen = last_seen_ns_ == time_ns;
   const FilteredPose pose = filter_->pose();
   const double blind_s = secondsBetween(last_seen_ns_, time_ns);
-  if (blind_s > options_.integrator.max_blind_s || !isFinite(pose)) {
-    filter_->reset();
-    return std::nullopt;
-  }
   if (blind_s > options_.integrator.max_prediction_s || isTooUncertain(pose)) return std::nullopt;
   bridging_ = seen;
   ++(seen ? counters_->bridged_frames : counters_->predicted_frames);
@@ -114,14 +146,78 @@ std::optional<PoseEstimate> PoseIntegrator::bridge(std::int64_t time_ns, const I
   estimate.covariance = estimate.view_covariance = pose.covariance;
   estimate.twist = pose.twist;
   estimate.source = seen ? PoseSource::kNaturalFeatures : PoseSource::kPrediction;
-  estimate.features_used = seen ? update.believed : 0;
-  estimate.reprojection_rms_px = seen ? update.rms_px : 0.0;
+  estimate.features_used = seen ? update->believed : 0;
+  estimate.reprojection_rms_px = seen ? update->rms_px : 0.0;
   estimate.ambiguity_ratio = ambiguity_ratio_;
   return estimate;
 }
 
+void PoseIntegrator::await(std::uint64_t frame, std::int64_t time_ns, const ImageView& image,
+                           bool has_pose) {
+  if (!filter_) return;
+  if (!running()) {
+    if (has_pose) return;
+    start(time_ns, {});
+    (void)filter_->update(image, camera_, {});
+    last_seen_ns_ = time_ns;
+    adrift_ = true;
+  }
+  filter_->filter().forgetPast();  // who looks has answered
+  filter_->filter().markPast(frame);
+}
+
+LateOutcome PoseIntegrator::late(std::uint64_t frame, const Transform& T_w_c,
+                                 const Matrix6d& covariance,
+                                 std::span<const Eigen::Vector3d> points_w) {
+  if (!running()) return LateOutcome::kUnknown;
+  FeatureFilter& filter = filter_->filter();
+  // Pictures' errors are much the same from image to image: averaging them would make too much of
+  // them.
+  if (!adrift_ && variance(filter_->pose().covariance) < variance(covariance)) {
+    return LateOutcome::kKnown;
+  }
+  if (!adrift_) {
+    const PoseOutcome outcome = filter.observePastPose(frame, T_w_c, covariance);
+    if (outcome == PoseOutcome::kUnknownFrame) return LateOutcome::kUnknown;
+    if (outcome == PoseOutcome::kUsed) {
+      late_refusals_ = 0;
+      return LateOutcome::kUsed;
+    }
+    if (++late_refusals_ < options_.integrator.witnesses) return LateOutcome::kRefused;
+  }
+  if (!filter.restartFromPast(frame, T_w_c, covariance)) return LateOutcome::kUnknown;
+  late_refusals_ = 0;
+  anew_ = std::exchange(adrift_, false);
+  if (anew_) known_points_w_.assign(points_w.begin(), points_w.end());
+  ambiguity_ratio_ = kUnambiguous;
+  return LateOutcome::kStarted;
+}
+
+void PoseIntegrator::beginAtKnownPoints(const ImageView& image) {
+  const FilteredPose pose = filter_->pose();
+  if (!isFinite(pose)) return;
+  filter_->reinitialize(pose.T_w_c, pose.covariance);
+  const Transform T_c_w = pose.T_w_c.inverse();
+  std::vector<VisualFilter::KnownPoint> points;
+  for (const Eigen::Vector3d& p_w : known_points_w_) {
+    const Eigen::Vector3d p_c = T_c_w * p_w;
+    if (p_c.z() <= 0.0) continue;
+    const auto pixel = camera_.project(p_c);
+    if (!pixel) continue;
+    // Along the optical axis the point is as uncertain as the camera there.
+    const Matrix6d T = rigidTransport(p_w - pose.T_w_c.p);
+    const Eigen::Vector3d axis_w = pose.T_w_c.R.col(2);
+    const Matrix6d at_point = T * pose.covariance * T.transpose();
+    const double depth_variance = axis_w.dot(at_point.topLeftCorner<3, 3>() * axis_w);
+    const double rho = 1.0 / p_c.z();
+    points.push_back({*pixel, rho, rho * rho * std::sqrt(std::max(0.0, depth_variance))});
+  }
+  (void)filter_->addKnownPoints(image, camera_, points);
+}
+
 void PoseIntegrator::moveWorld(const Transform& T_new_old) {
-  if (running()) filter_->filter().moveWorld(T_new_old);
+  if (running() && !adrift_) filter_->filter().moveWorld(T_new_old);
+  for (Eigen::Vector3d& p_w : known_points_w_) p_w = T_new_old * p_w;
 }
 
 void PoseIntegrator::advance(std::int64_t time_ns) {
@@ -132,6 +228,7 @@ void PoseIntegrator::advance(std::int64_t time_ns) {
     filter_->predict(dt_s);
   } else {
     filter_->reset();
+    adrift_ = anew_ = false;
   }
 }
 

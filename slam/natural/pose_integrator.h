@@ -2,7 +2,9 @@
 // of natural features, which follows the markers' poses while there are any and carries the pose
 // when there are none; for a moment, from its motion alone. No threads, no clocks; deterministic.
 //
-// A frame is either follow(), with its pose from markers, or bridge(), without one.
+// A frame is either follow(), with its pose from markers, or bridge(), without one; then await(),
+// where somebody else looks at it, too. What that finds, late() applies at the frame's own time
+// (section 3.2): the filter keeps the cameras of awaited frames in its state.
 #pragma once
 
 #include <cstdint>
@@ -15,6 +17,7 @@
 #include "slam/camera_pose/known_marker.h"
 #include "slam/counters.h"
 #include "slam/geometry/camera_model.h"
+#include "slam/map/picture_print.h"
 #include "slam/natural/filter/visual_filter.h"
 #include "slam/pose_estimate.h"
 
@@ -59,11 +62,21 @@ struct PoseIntegratorOptions {
 struct NaturalOptions {
   // Off: a frame without markers has no pose, and nothing of this costs anything.
   bool enabled = true;
+  // The natural markers there are; none, and nobody looks for any.
+  std::vector<PicturePrint> prints;
   VisualFilterOptions filter;
   PoseIntegratorOptions integrator;
 
   // Empty when usable, else what is wrong.
   [[nodiscard]] std::string invalidReason() const;
+};
+
+enum class LateOutcome : std::uint8_t {
+  kUsed,     // agrees, and is part of the pose now
+  kKnown,    // the place is known better than that
+  kRefused,  // contradicts what is known
+  kStarted,  // the filter goes on from there: it had no place in the world, or a wrong one
+  kUnknown,  // nobody follows features since that frame
 };
 
 class PoseIntegrator {
@@ -84,11 +97,28 @@ class PoseIntegrator {
   // Empty where neither features nor motion say.
   [[nodiscard]] std::optional<PoseEstimate> bridge(std::int64_t time_ns, const ImageView& image);
 
+  // After follow() or bridge(): the frame's camera may be spoken of later. Where nothing is
+  // followed and the frame has no pose, features are followed from here on, adrift: without a place
+  // in the world until late() tells one.
+  void await(std::uint64_t frame, std::int64_t time_ns, const ImageView& image, bool has_pose);
+  // Before follow() or bridge() of a frame: where the camera of an awaited one was. covariance: of
+  // (dp, dtheta), relative to what the pose is from. points_w: of a surface there, that new
+  // features may begin at, their places being known.
+  LateOutcome late(std::uint64_t frame, const Transform& T_w_c, const Matrix6d& covariance,
+                   std::span<const Eigen::Vector3d> points_w);
+
+  [[nodiscard]] bool adrift() const { return adrift_; }
+
   // The world's coordinates have changed.
   void moveWorld(const Transform& T_new_old);
 
  private:
   [[nodiscard]] bool running() const { return filter_ && filter_->running(); }
+  // The features seen in it, if any; nullopt where they are given up.
+  [[nodiscard]] std::optional<VisualUpdate> look(std::int64_t time_ns, const ImageView& image);
+  // The filter anew, from its own pose, with features whose places are known: what it had seen
+  // while adrift is of no known scale.
+  void beginAtKnownPoints(const ImageView& image);
   // After a frame with that pose from markers.
   [[nodiscard]] std::optional<PoseEstimate> fusedPose(const PoseEstimate& of_markers,
                                                       const VisualUpdate& update) const;
@@ -110,7 +140,11 @@ class PoseIntegrator {
   std::int64_t last_seen_ns_ = 0;    // the last frame that markers or features saw
   bool bridging_ = false;            // the last frame's pose was from features
   int contradictions_ = 0;           // frames in succession
-  double ambiguity_ratio_ = 0.0;     // of the last pose from markers
+  bool adrift_ = false;              // the filter has no place in the world yet
+  bool anew_ = false;                // it has got one since the last frame
+  int late_refusals_ = 0;            // in succession, without a marker in between
+  std::vector<Eigen::Vector3d> known_points_w_;
+  double ambiguity_ratio_ = 0.0;  // of the last pose from markers
 };
 
 }  // namespace waymark::slam

@@ -8,6 +8,7 @@
 #include <Eigen/LU>
 
 #include "base/sorted.h"
+#include "slam/map/world_reference.h"
 #include "slam/option_checks.h"
 
 namespace waymark::slam {
@@ -37,7 +38,7 @@ void addMarkers(const Map& map, std::span<const int> ids, const MarkerOptions& m
 // Those that see one of the markers.
 void addKeyframes(const Map& map, std::span<const SubproblemMembers::Role> roles,
                   const MarkerOptions& markers, Subproblem* part) {
-  const bool first_is_world = !markers.origin_marker && markers.anchors.empty();
+  const bool first_is_world = firstKeyframeIsWorld(map, markers);
   const KeyframeId first = map.keyframes().empty() ? -1 : map.keyframes().begin()->first;
   part->problem.cameras.reserve(roles.size());
   part->keyframes.reserve(roles.size());
@@ -63,9 +64,18 @@ void addLinks(const Keyframe& keyframe, int camera, Subproblem* part) {
   }
 }
 
+// The keyframes that say something about a marker: those that see it, and those linked to it.
 void addViews(const Map& map, int marker_id, std::vector<KeyframeId>* views) {
-  const auto of_marker = map.viewsOf(marker_id);
-  views->insert(views->end(), of_marker.begin(), of_marker.end());
+  for (const auto of_marker : {map.viewsOf(marker_id), map.linkedFrom(marker_id)}) {
+    views->insert(views->end(), of_marker.begin(), of_marker.end());
+  }
+}
+
+// The markers that a keyframe says something about, one after the other.
+template <typename Take>
+void forEachMarker(const Keyframe& keyframe, const Take& take) {
+  for (const MarkerDetection& detection : keyframe.detections) take(detection.id);
+  for (const MarkerLink& link : keyframe.links) take(link.marker);
 }
 
 struct Viewer {
@@ -94,9 +104,7 @@ void sortMostFirst(std::vector<Viewer>* viewers) {
 // first; ascending, itself among them.
 std::vector<KeyframeId> nearest(const Map& map, KeyframeId keyframe, int keyframes) {
   std::vector<KeyframeId> views;  // once for each marker they share
-  for (const MarkerDetection& detection : map.keyframes().at(keyframe).detections) {
-    addViews(map, detection.id, &views);
-  }
+  forEachMarker(map.keyframes().at(keyframe), [&](int id) { addViews(map, id, &views); });
   std::vector<Viewer> viewers = countedViewers(&views);
   std::erase_if(viewers, [&](const Viewer& viewer) { return viewer.id == keyframe; });
   if (static_cast<int>(viewers.size()) >= keyframes) {
@@ -125,13 +133,13 @@ std::vector<KeyframeId> holders(const Map& map, std::span<const int> markers,
   std::vector<KeyframeId> holders;
   for (const Viewer& candidate : candidates) {
     bool wanted = false;
-    const auto& detections = map.keyframes().at(candidate.id).detections;
+    const Keyframe& keyframe = map.keyframes().at(candidate.id);
     const auto each = [&](const auto& take) {
-      for (const MarkerDetection& detection : detections) {
-        const auto found = std::ranges::lower_bound(markers, detection.id);
-        if (found == markers.end() || *found != detection.id) continue;
+      forEachMarker(keyframe, [&](int id) {
+        const auto found = std::ranges::lower_bound(markers, id);
+        if (found == markers.end() || *found != id) return;
         take(held[static_cast<std::size_t>(found - markers.begin())]);
-      }
+      });
     };
     each([&](int& count) { wanted = wanted || count < per_marker; });
     if (!wanted) continue;
@@ -188,12 +196,13 @@ SubproblemMembers regionAround(const Map& map, std::span<const KeyframeId> seeds
   std::set<KeyframeId> known(inside.begin(), inside.end());  // and those that are held
   std::set<int> markers;
   for (std::size_t i = 0; i < inside.size(); ++i) {
-    for (const MarkerDetection& detection : map.keyframes().at(inside[i]).detections) {
-      if (!markers.insert(detection.id).second) continue;
-      for (const KeyframeId view : map.viewsOf(detection.id)) {
-        if (!known.insert(view).second) continue;
-        if (static_cast<int>(inside.size()) < keyframes) inside.push_back(view);
-      }
+    std::vector<KeyframeId> views;
+    forEachMarker(map.keyframes().at(inside[i]), [&](int id) {
+      if (markers.insert(id).second) addViews(map, id, &views);
+    });
+    for (const KeyframeId view : views) {
+      if (!known.insert(view).second) continue;
+      if (static_cast<int>(inside.size()) < keyframes) inside.push_back(view);
     }
   }
   std::ranges::sort(inside);

@@ -208,9 +208,9 @@ TEST(Subproblem, AnchorsArePriorsOfThoseThatTakePart) {
 // The map goes on living while it is taken out of it.
 TEST(Subproblem, IsOfTheFirstSlice) {
   Map map = chain();
-  SlicedTask<Subproblem> task([&](Budget* b) {
-    return buildSubproblem(map, wholeMap(map), MarkerOptions{.size_m = kSize}, b);
-  });
+  const MarkerOptions markers{.size_m = kSize};  // outlives the task
+  SlicedTask<Subproblem> task(
+      [&](Budget* b) { return buildSubproblem(map, wholeMap(map), markers, b); });
   ASSERT_FALSE(task.advance(0.1));
   map.setKeyframePose(1, kElsewhere);
   map.place(2, kElsewhere);

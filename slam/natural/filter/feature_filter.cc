@@ -474,6 +474,13 @@ void FeatureFilter::markPast(std::uint64_t frame) {
   if (state_.clonePose(PoseKind::kPast, frame) >= 0) past_order_.push_back(frame);
 }
 
+void FeatureFilter::forgetPast() {
+  for (const std::uint64_t frame : past_order_) {
+    if (const auto place = state_.findPose(PoseKind::kPast, frame)) state_.removePose(*place);
+  }
+  past_order_.clear();
+}
+
 PoseOutcome FeatureFilter::observePastPose(std::uint64_t frame, const Transform& T_w_c,
                                            const Matrix6d& covariance) {
   const auto place = state_.findPose(PoseKind::kPast, frame);

@@ -110,6 +110,8 @@ class FeatureFilter {
   // present by what the two have in common, which is what repeating all updates since then from a
   // stored state would give, to first order, at the cost of one update.
   void markPast(std::uint64_t frame);
+  // Nobody will speak of those marked so far any more.
+  void forgetPast();
   // As observePose(), of a frame that was marked, which is then forgotten.
   [[nodiscard]] PoseOutcome observePastPose(std::uint64_t frame, const Transform& T_w_c,
                                             const Matrix6d& covariance);

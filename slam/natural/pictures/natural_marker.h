@@ -95,6 +95,7 @@ class NaturalMarker {
 
 // Where it hangs, if that is known: surveyed, or found by the map.
 struct PosedNaturalMarker {
+  int id = -1;  // in the map: pictureId() of its name
   NaturalMarker marker;
   std::optional<Transform> T_w_m;
 };

@@ -1,0 +1,134 @@
+#include "slam/picture_stage.h"
+
+#include <algorithm>
+#include <utility>
+
+#include "slam/geometry/turned_covariance.h"
+
+namespace waymark::slam {
+namespace {
+
+// One is looked at while the one before is answered.
+constexpr std::size_t kAwaited = 4;
+
+Matrix6d surveyCovariance(const PicturePrint& print) {
+  Vector6d variances;
+  variances << Eigen::Vector3d::Constant(print.sigma_m * print.sigma_m),
+      Eigen::Vector3d::Constant(print.sigma_rad * print.sigma_rad);
+  return variances.asDiagonal();
+}
+
+}  // namespace
+
+Options withSurveyedPictures(Options options) {
+  for (const PicturePrint& print : options.natural.prints) {
+    if (!print.T_w_m || options.markers.origin_marker) continue;
+    options.markers.anchors.push_back(
+        {pictureId(print.name), *print.T_w_m, print.sigma_m, print.sigma_rad});
+  }
+  return options;
+}
+
+PictureStage::PictureStage(const PictureStageParts& parts) : with_(parts) {
+  if (!with_.map->empty() || !with_.options.mapping) placeSurveyed();
+}
+
+const PicturePrint* PictureStage::printOf(int id) const {
+  const auto& prints = with_.options.natural.prints;
+  const auto found =
+      std::ranges::find(prints, id, [](const PicturePrint& p) { return pictureId(p.name); });
+  return found == prints.end() ? nullptr : &*found;
+}
+
+void PictureStage::place(const PicturePrint& print, const Transform& T_w_m,
+                         const Matrix6d& covariance) {
+  const int id = with_.map->addPicture(print).id;
+  with_.map->place(id, T_w_m, {}, covariance);
+  with_.covariance->introduce(id, T_w_m, Matrix6d::Zero(), with_.map);
+  ++with_.counters->mapped_pictures;
+}
+
+void PictureStage::placeSurveyed() {
+  for (const PicturePrint& print : with_.options.natural.prints) {
+    if (!print.T_w_m || with_.map->findPosed(pictureId(print.name)) != nullptr) continue;
+    place(print, *print.T_w_m, surveyCovariance(print));
+  }
+}
+
+bool PictureStage::hear(std::span<const LateResult> late, StageObserver* observer) {
+  bool changed = false;
+  for (const LateResult& seen : late) changed = hearOne(seen, observer) || changed;
+  return changed;
+}
+
+bool PictureStage::hearOne(const LateResult& seen, StageObserver* observer) {
+  const PicturePrint* const print = printOf(seen.landmark);
+  const auto is_it = [&](const AwaitedFrame& f) { return f.time.sequence == seen.sequence; };
+  const auto frame = std::ranges::find_if(awaited_, is_it);
+  if (print == nullptr || frame == awaited_.end()) {
+    ++with_.counters->late_unknown;
+    return false;
+  }
+  bool changed = false;
+  if (with_.map->empty()) {
+    if (!with_.options.mapping) return false;
+    changed = beginMap(*frame, seen, *print);
+  }
+  if (with_.options.mapping) with_.map->addPicture(*print);
+  if (const MapMarker* const known = with_.map->findPosed(seen.landmark)) {
+    (void)with_.features->late(seen, *known, observer);
+  }
+  if (!with_.options.mapping) return changed;
+  const StageScope scope(observer, Stage::kMap);
+  const bool was_placed = with_.map->findPosed(seen.landmark) != nullptr;
+  if (!with_.updater->growByPicture(*frame, seen, with_.map)) return changed;
+  const MapMarker* const known = with_.map->findPosed(seen.landmark);
+  if (known == nullptr || was_placed) return true;
+  // Its place has the frame's error in it already.
+  with_.covariance->introduce(seen.landmark, *known->T_w_m, Matrix6d::Zero(), with_.map);
+  if (print->T_w_m) placeSurveyed();  // the world is the survey's by now
+  return true;
+}
+
+// Without any marker: the world is the survey's, else that frame's camera.
+bool PictureStage::beginMap(const AwaitedFrame& frame, const LateResult& seen,
+                            const PicturePrint& print) {
+  if (print.T_w_m) {
+    placeSurveyed();
+    return true;
+  }
+  const Matrix6d covariance = covarianceOfInverse(seen.T_m_c, seen.covariance);
+  const Transform T_c_m = seen.T_m_c.inverse();
+  place(print, T_c_m, covariance);
+  Keyframe first{.sequence = frame.time.sequence, .monotonic_ns = frame.time.monotonic_ns};
+  first.links = {{seen.landmark, T_c_m, covariance}};
+  with_.map->addKeyframe(std::move(first));
+  ++with_.counters->keyframes_added;
+  return true;
+}
+
+void PictureStage::await(const FrameInput& frame, const FrameResult& result,
+                         std::span<const MarkerDetection> fitting, StageObserver* observer) {
+  if (!frame.awaited || !any()) return;
+  AwaitedFrame awaited{.time = frame.time};
+  const bool carried = result.pose && result.pose->source == PoseSource::kNaturalFeatures;
+  if (result.pose && (carried || result.pose->source == PoseSource::kMarkers)) {
+    awaited.T_w_c = result.pose->T_w_c;
+    awaited.covariance = result.pose->view_covariance;
+    awaited.twist = result.pose->twist;
+    awaited.detections.assign(fitting.begin(), fitting.end());
+    if (carried) awaited.anchor = with_.features->anchor();
+  }
+  if (awaited_.size() == kAwaited) awaited_.pop_front();
+  awaited_.push_back(std::move(awaited));
+  with_.features->await(frame, result.pose.has_value(), observer);
+}
+
+void PictureStage::moveWorld(const Transform& T_new_old) {
+  for (AwaitedFrame& frame : awaited_) {
+    if (frame.T_w_c) frame.T_w_c = T_new_old * *frame.T_w_c;
+    frame.covariance = turnedCovariance(T_new_old.R, frame.covariance);
+  }
+}
+
+}  // namespace waymark::slam

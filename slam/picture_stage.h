@@ -1,0 +1,60 @@
+// The stage of natural markers (seed 2, sections 3.1 to 3.3): what somebody else has found in
+// earlier frames, pictures and where the camera was of each, corrects the pose at that frame's own
+// time, begins a map where there is none, and gives pictures their place in it.
+#pragma once
+
+#include <cstddef>
+#include <deque>
+#include <span>
+
+#include "slam/counters.h"
+#include "slam/covariance/map_covariance.h"
+#include "slam/feature_stage.h"
+#include "slam/frame.h"
+#include "slam/map/map.h"
+#include "slam/mapping/map_updater.h"
+#include "slam/options.h"
+#include "slam/stages.h"
+
+namespace waymark::slam {
+
+// What it works on, all of it another's, which must outlive it.
+struct PictureStageParts {
+  const Options& options;
+  MapUpdater* updater;
+  MapCovariance* covariance;
+  FeatureStage* features;
+  Map* map;
+  Counters* counters;
+};
+
+// Pictures whose place is surveyed fix the world: as anchors, among the options' own.
+[[nodiscard]] Options withSurveyedPictures(Options options);
+
+class PictureStage {
+ public:
+  // Surveyed pictures are in a map that is there already, or that does not grow, from the start.
+  explicit PictureStage(const PictureStageParts& parts);
+
+  // Before a frame's own stages. True when the map changed.
+  bool hear(std::span<const LateResult> late, StageObserver* observer);
+  // After them, of an awaited frame; fitting: the detections that its pose is from.
+  void await(const FrameInput& frame, const FrameResult& result,
+             std::span<const MarkerDetection> fitting, StageObserver* observer);
+  // All coordinates have changed.
+  void moveWorld(const Transform& T_new_old);
+
+  [[nodiscard]] bool any() const { return !with_.options.natural.prints.empty(); }
+
+ private:
+  [[nodiscard]] bool hearOne(const LateResult& seen, StageObserver* observer);
+  [[nodiscard]] const PicturePrint* printOf(int id) const;
+  bool beginMap(const AwaitedFrame& frame, const LateResult& seen, const PicturePrint& print);
+  void placeSurveyed();
+  void place(const PicturePrint& print, const Transform& T_w_m, const Matrix6d& covariance);
+
+  PictureStageParts with_;
+  std::deque<AwaitedFrame> awaited_;  // oldest first
+};
+
+}  // namespace waymark::slam

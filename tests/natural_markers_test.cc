@@ -1,0 +1,304 @@
+// Natural markers from the image to the pose: rendered rooms with posters and, some of them, a
+// fiducial marker; the relocalizer, the filter and the map together, as `waymark run --natural` and
+// the daemon have them.
+#include <algorithm>
+#include <cmath>
+#include <cstdint>
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include <Eigen/Cholesky>
+#include <gtest/gtest.h>
+
+#include "simulator/poster.h"
+#include "simulator/renderer.h"
+#include "simulator/scene.h"
+#include "simulator/sensor.h"
+#include "slam/natural/pictures/picture_points.h"
+#include "slam/slam.h"
+#include "tools/natural/delayed_relocalizer.h"
+
+namespace waymark {
+namespace {
+
+using slam::PoseSource;
+using slam::TrackingState;
+using slam::Transform;
+
+constexpr double kRate_hz = 30.0;
+constexpr double kWidth_m = 0.30;
+constexpr double kMarkerSize_m = 0.15;
+constexpr int kMarker = 7;
+constexpr double kMarkerX_m = 0.6;
+
+std::string nameOf(int poster) { return "poster " + std::to_string(poster); }
+
+slam::Calibration lens() {
+  slam::Calibration c;
+  c.width = 640;
+  c.height = 480;
+  c.fx = c.fy = 510.0;
+  c.cx = 322.0;
+  c.cy = 237.0;
+  c.distortion = {-0.20, 0.05, 0.0005, -0.0007};
+  return c;
+}
+
+// A wall in the plane z = 0, x along it, y up; posters every 1.2 m, and a marker between the first
+// two.
+class Wall {
+ public:
+  explicit Wall(int posters) {
+    simulator::Scene scene{.name = "wall",
+                           .dictionary = *slam::Dictionary::byName("APRILTAG_36h11"),
+                           .camera = lens(),
+                           .surfaces = {},
+                           .markers = {},
+                           .prints = {},
+                           .trajectory = {}};
+    simulator::Surface surface;
+    surface.half_width_m = 8.0;
+    surface.half_height_m = 3.0;
+    surface.paint = {.patches_per_m2 = 6.0, .texel_m = 0.004};
+    scene.surfaces.push_back(surface);
+    for (int i = 0; i < posters; ++i) {
+      const auto poster = simulator::makePoster(100U + static_cast<unsigned>(i));
+      const double height_m = kWidth_m * poster.height / poster.width;
+      Transform T_w_p;
+      T_w_p.p = {1.2 * i, 0.1 * (i % 2), 0.002};
+      T_w_m_.push_back(T_w_p);
+      scene.prints.push_back(
+          {std::make_shared<simulator::PrintedImage>(poster.view()), kWidth_m, height_m, T_w_p});
+      markers_.push_back(*slam::NaturalMarker::create(poster.view(), kWidth_m, 0.0));
+    }
+    marker_ = {kMarker, kMarkerSize_m, {}};
+    marker_.T_w_m.p = {kMarkerX_m, -0.1, 0.002};
+    simulator::Options options;
+    renderer_.emplace(
+        *simulator::Renderer::create(scene, 1, simulator::Sensor::blurRadius(options) + 1));
+    sensor_.emplace(options, simulator::ImageSize{640, 480});
+  }
+
+  [[nodiscard]] const std::vector<std::uint8_t>& render(const Transform& T_w_c, bool with_marker,
+                                                        std::uint64_t number) {
+    std::vector<simulator::Marker> markers;
+    if (with_marker) markers.push_back(marker_);
+    renderer_->render({{T_w_c}}, markers, &workspace_);
+    pixels_.resize(640U * 480U);
+    sensor_->develop(workspace_.radiance, 1.0F, number, &sensing_, pixels_.data());
+    return pixels_;
+  }
+
+  [[nodiscard]] std::vector<slam::PicturePrint> prints(bool surveyed) const {
+    std::vector<slam::PicturePrint> prints;
+    for (std::size_t i = 0; i < markers_.size(); ++i) {
+      prints.push_back({.name = nameOf(static_cast<int>(i)),
+                        .width_m = markers_[i].width_m(),
+                        .height_m = markers_[i].height_m(),
+                        .T_w_m = surveyed ? std::optional(T_w_m_[i]) : std::nullopt,
+                        .points_m = slam::picturePoints(markers_[i])});
+    }
+    return prints;
+  }
+  [[nodiscard]] std::vector<slam::PosedNaturalMarker> pictures() const {
+    std::vector<slam::PosedNaturalMarker> pictures;
+    for (std::size_t i = 0; i < markers_.size(); ++i) {
+      pictures.push_back({slam::pictureId(nameOf(static_cast<int>(i))), markers_[i], {}});
+    }
+    return pictures;
+  }
+  [[nodiscard]] const Transform& placeOf(int poster) const {
+    return T_w_m_[static_cast<std::size_t>(poster)];
+  }
+  [[nodiscard]] const Transform& marker() const { return marker_.T_w_m; }
+
+ private:
+  std::vector<slam::NaturalMarker> markers_;
+  std::vector<Transform> T_w_m_;
+  simulator::Marker marker_;
+  std::optional<simulator::Renderer> renderer_;
+  std::optional<simulator::Sensor> sensor_;
+  simulator::Renderer::Workspace workspace_;
+  simulator::Sensor::Workspace sensing_;
+  std::vector<std::uint8_t> pixels_;
+};
+
+// At (x, 0.05, distance), turned towards the wall and a little along it.
+Transform facingWall(double x_m, double distance_m, double turn_rad) {
+  Transform T_w_c;
+  T_w_c.R << 1, 0, 0, 0, -1, 0, 0, 0, -1;
+  T_w_c.R = slam::expSo3({0.05, turn_rad, 0.0}) * T_w_c.R;
+  T_w_c.p = {x_m, 0.05, distance_m};
+  return T_w_c;
+}
+
+class NaturalMarkersTest : public ::testing::Test {
+ protected:
+  struct Frame {
+    TrackingState state = TrackingState::kInitializing;
+    std::optional<slam::PoseEstimate> pose;
+    Transform truth;
+  };
+
+  void start(int posters, bool surveyed, slam::Map map = {}) {
+    wall_.emplace(posters);
+    slam::Options options;
+    options.markers.size_m = kMarkerSize_m;
+    options.natural.prints = wall_->prints(surveyed);
+    ASSERT_EQ(options.invalidReason(), "");
+    slam_.emplace(slam::CameraModel(lens()), *slam::Dictionary::byName("APRILTAG_36h11"), options,
+                  std::move(map));
+    relocalizer_.emplace(wall_->pictures(), slam::CameraModel(lens()));
+  }
+
+  Frame step(const Transform& T_w_c, bool with_marker, bool dark = false) {
+    std::vector<std::uint8_t> pixels =
+        wall_->render(T_w_c, with_marker, static_cast<std::uint64_t>(frame_));
+    if (dark) std::fill(pixels.begin(), pixels.end(), std::uint8_t{4});
+    const auto time_ns = static_cast<std::int64_t>(1e9 * frame_ / kRate_hz);
+    const slam::FrameInput input =
+        relocalizer_->prepare({.time = {static_cast<std::uint64_t>(frame_), time_ns},
+                               .image = ImageView{pixels.data(), 640, 480, 640}});
+    const slam::FrameResult result = slam_->process(input);
+    relocalizer_->look(input, result, slam_->map());
+    ++frame_;
+    return {result.state, result.pose, T_w_c};
+  }
+
+  static double nees(const Frame& frame) {
+    const slam::Vector6d e = frame.pose->T_w_c.localCoordinates(frame.truth);
+    return e.dot(frame.pose->covariance.ldlt().solve(e));
+  }
+
+  std::optional<Wall> wall_;
+  std::optional<slam::Slam> slam_;
+  std::optional<tools::DelayedRelocalizer> relocalizer_;
+  int frame_ = 0;
+};
+
+// What the pose is off by, seen from what fixes the world.
+double errorOf(const Transform& T_true_w, const Transform& T_w_c, const Transform& truth) {
+  return ((T_true_w * T_w_c).p - truth.p).norm();
+}
+
+// No fiducial at all: surveyed posters are the world, and a moving camera has a pose in it.
+TEST_F(NaturalMarkersTest, SurveyedPostersAloneGiveThePose) {
+  start(3, true);
+  int posed = 0;
+  double nees_sum = 0.0;
+  for (int i = 0; i < 120; ++i) {
+    const Frame frame = step(facingWall(-0.1 + 0.02 * i, 1.0, 0.15 * std::sin(0.05 * i)), false);
+    if (!frame.pose) continue;
+    EXPECT_EQ(frame.state, TrackingState::kBridging);
+    EXPECT_EQ(frame.pose->source, PoseSource::kNaturalFeatures);
+    const double error_m = (frame.pose->T_w_c.p - frame.truth.p).norm();
+    // Two answers make the scale: what was followed until the first one is of none.
+    EXPECT_LT(error_m, i < 10 ? 0.15 : 0.015) << i;
+    EXPECT_LT(nees(frame), 22.5) << i;
+    nees_sum += nees(frame);
+    ++posed;
+  }
+  EXPECT_GE(posed, 112);
+  EXPECT_LT(nees_sum / posed, 6.0);  // far less: the survey is exact here, and not said to be
+  EXPECT_GE(slam_->counters().picture_poses, 5U);
+  EXPECT_EQ(slam_->counters().refused_pictures, 0U);
+  EXPECT_EQ(slam_->counters().late_unknown, 0U);
+}
+
+// The map finds where a poster hangs, and the poster finds the camera where the marker is gone.
+TEST_F(NaturalMarkersTest, APosterBesideAMarkerJoinsTheMapAndRelocalizes) {
+  start(2, false);
+  for (int i = 0; i < 60; ++i) {
+    const Frame frame = step(facingWall(0.1 + 0.008 * i, 1.0, 0.2 * std::sin(0.07 * i)), true);
+    // For some frames the marker is out of view, and features carry the pose.
+    EXPECT_TRUE(i < 2 || frame.pose) << i;
+  }
+  const slam::Map& map = slam_->map();
+  const slam::MapMarker* const marker = map.findPosed(kMarker);
+  const slam::MapMarker* const poster = map.findPosed(slam::pictureId(nameOf(0)));
+  ASSERT_TRUE(marker != nullptr && poster != nullptr);
+  const Transform T_m_p = marker->T_w_m->inverse() * *poster->T_w_m;
+  const Transform truth = wall_->marker().inverse() * wall_->placeOf(0);
+  EXPECT_LT((T_m_p.p - truth.p).norm(), 0.004);
+  EXPECT_LT(slam::rotationDistance(T_m_p.R, truth.R), 0.01);
+  EXPECT_EQ(poster->picture, nameOf(0));
+  EXPECT_GE(map.linkedFrom(poster->id).size(), 2U);
+  EXPECT_EQ(slam_->counters().mapped_pictures, 1U);
+
+  for (int i = 0; i < 75; ++i) {
+    const Frame frame = step(facingWall(0.5, 1.0, 0.0), false, true);
+    EXPECT_TRUE(i < 10 || !frame.pose) << i;
+  }
+  int posed = 0;
+  const Transform T_true_w = wall_->marker() * marker->T_w_m->inverse();
+  for (int i = 0; i < 30; ++i) {
+    const Frame frame = step(facingWall(0.1 - 0.01 * i, 1.1, 0.0), false);
+    if (!frame.pose) continue;
+    EXPECT_LT(errorOf(T_true_w, frame.pose->T_w_c, frame.truth), i < 10 ? 0.15 : 0.015) << i;
+    ++posed;
+  }
+  EXPECT_GE(posed, 20);
+}
+
+// Neither a marker nor a survey: the first poster begins the world, and a marker joins it.
+TEST_F(NaturalMarkersTest, TheFirstPosterBeginsTheWorldAndAMarkerJoinsIt) {
+  start(2, false);
+  int posed = 0;
+  for (int i = 0; i < 100; ++i) {
+    const bool with_marker = i > 30;
+    const Frame frame = step(facingWall(0.01 * i, 1.0, 0.1 * std::sin(0.05 * i)), with_marker);
+    if (!frame.pose) continue;
+    ++posed;
+    const slam::MapMarker* const poster = slam_->map().findPosed(slam::pictureId(nameOf(0)));
+    ASSERT_NE(poster, nullptr);
+    const Transform T_true_w = wall_->placeOf(0) * poster->T_w_m->inverse();
+    EXPECT_LT(errorOf(T_true_w, frame.pose->T_w_c, frame.truth), i < 10 ? 0.15 : 0.02) << i;
+  }
+  EXPECT_GE(posed, 92);
+  const slam::MapMarker* const marker = slam_->map().findPosed(kMarker);
+  const slam::MapMarker* const poster = slam_->map().findPosed(slam::pictureId(nameOf(0)));
+  ASSERT_TRUE(marker != nullptr && poster != nullptr);
+  EXPECT_EQ(slam_->counters().linked_markers, 1U);
+  const Transform T_p_m = poster->T_w_m->inverse() * *marker->T_w_m;
+  const Transform truth = wall_->placeOf(0).inverse() * wall_->marker();
+  EXPECT_LT((T_p_m.p - truth.p).norm(), 0.01);
+  EXPECT_NE(slam_->map().findPosed(slam::pictureId(nameOf(1))), nullptr);
+}
+
+// A map that was begun with markers is moved to where the survey says, once a surveyed poster is
+// in it; the pose goes along.
+TEST_F(NaturalMarkersTest, ASurveyedPosterFixesTheWorldOfAMapThatIsThereAlready) {
+  start(1, true);
+  int in_survey = 0;
+  for (int i = 0; i < 60; ++i) {
+    const Frame frame = step(facingWall(0.1 + 0.008 * i, 1.0, 0.2 * std::sin(0.07 * i)), true);
+    if (!frame.pose || slam_->map().findPosed(slam::pictureId(nameOf(0))) == nullptr) continue;
+    EXPECT_LT((frame.pose->T_w_c.p - frame.truth.p).norm(), 0.02) << i;
+    ++in_survey;
+  }
+  EXPECT_GE(in_survey, 30);
+}
+
+// The same frames, the same answers: the same poses to the last bit.
+TEST_F(NaturalMarkersTest, IsDeterministic) {
+  std::vector<Transform> runs[2];
+  for (std::vector<Transform>& run : runs) {
+    frame_ = 0;
+    start(2, false);
+    for (int i = 0; i < 25; ++i) {
+      const Frame frame = step(facingWall(0.01 * i, 1.0, 0.0), i > 12);
+      if (frame.pose) run.push_back(frame.pose->T_w_c);
+    }
+  }
+  ASSERT_GE(runs[0].size(), 15U);
+  ASSERT_EQ(runs[0].size(), runs[1].size());
+  for (std::size_t i = 0; i < runs[0].size(); ++i) {
+    EXPECT_EQ(runs[0][i].p, runs[1][i].p) << i;
+    EXPECT_EQ(runs[0][i].R, runs[1][i].R) << i;
+  }
+}
+
+}  // namespace
+}  // namespace waymark

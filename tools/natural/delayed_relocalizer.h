@@ -1,0 +1,40 @@
+// Natural markers in a recording: frames are looked at one after the other, as by the daemon's
+// thread, and what is found is given to the SLAM a fixed number of frames later, so that a run is
+// the same each time.
+#pragma once
+
+#include <cstdint>
+#include <string>
+#include <vector>
+
+#include "slam/frame.h"
+#include "slam/geometry/camera_model.h"
+#include "slam/map/map.h"
+#include "slam/natural/pictures/picture_relocalizer.h"
+
+namespace waymark::tools {
+
+class DelayedRelocalizer {
+ public:
+  // delay_frames: as many as come while the daemon's thread looks at one image: 150 ms at 30 a
+  // second. At least 1.
+  DelayedRelocalizer(std::vector<slam::PosedNaturalMarker> pictures,
+                     const slam::CameraModel& camera, int delay_frames = 5)
+      : relocalizer_(std::move(pictures), camera), delay_frames_(delay_frames) {}
+
+  // Before a frame: its input, with what is due. Valid until look().
+  [[nodiscard]] slam::FrameInput prepare(slam::FrameInput frame);
+  // After it, of the same input.
+  void look(const slam::FrameInput& frame, const slam::FrameResult& result, const slam::Map& map);
+
+  [[nodiscard]] const slam::RelocalizationCounts& counts() const { return relocalizer_.counts(); }
+
+ private:
+  slam::PictureRelocalizer relocalizer_;
+  int delay_frames_;
+  int due_in_ = 0;  // frames, until what was found is delivered; 0: nothing is looked at
+  std::vector<slam::LateResult> found_;
+  std::vector<slam::LateResult> delivered_;
+};
+
+}  // namespace waymark::tools
