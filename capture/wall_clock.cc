@@ -9,6 +9,7 @@ namespace {
 
 // A reading torn further apart than this says too little.
 constexpr std::int64_t kTorn_ns = 200'000;
+constexpr int kReadings = 8;  // of an update, until one is whole
 // NTP slews by at most half a millisecond in a second: what is further off has been set.
 constexpr std::int64_t kStep_ns = 2'000'000;
 constexpr std::int64_t kAveraged = 16;  // readings
@@ -22,9 +23,12 @@ std::int64_t wallNs() {
 }  // namespace
 
 void WallClock::update() {
-  const std::int64_t before = monotonicNs();
-  const std::int64_t wall = wallNs();
-  observe(before, wall, monotonicNs());
+  for (int i = 1;; ++i) {
+    const std::int64_t before = monotonicNs();
+    const std::int64_t wall = wallNs();
+    const std::int64_t after = monotonicNs();
+    if (after - before < kTorn_ns || i == kReadings) return observe(before, wall, after);
+  }
 }
 
 void WallClock::observe(std::int64_t monotonic_before_ns, std::int64_t wall_ns,

@@ -1,26 +1,23 @@
-// Random numbers that are the same on every machine: a SplitMix64 sequence.
+// Random numbers that are the same on every machine.
 #pragma once
 
 #include <cmath>
 #include <cstdint>
 #include <numbers>
 
+#include "base/split_mix.h"
+
 namespace waymark::simulator {
 
 class Random {
  public:
-  explicit Random(std::uint64_t seed) : state_(seed) {}
+  explicit Random(std::uint64_t seed) : numbers_(seed) {}
 
   // A generator of its own for each (seed, stream), so that adding draws to one stream leaves the
   // others as they were.
-  Random(std::uint64_t seed, std::uint64_t stream) : state_(seed) { state_ = next() ^ stream; }
+  Random(std::uint64_t seed, std::uint64_t stream) : numbers_(SplitMix64(seed).next() ^ stream) {}
 
-  std::uint64_t next() {
-    std::uint64_t z = (state_ += 0x9e3779b97f4a7c15ULL);
-    z = (z ^ (z >> 30)) * 0xbf58476d1ce4e5b9ULL;
-    z = (z ^ (z >> 27)) * 0x94d049bb133111ebULL;
-    return z ^ (z >> 31);
-  }
+  std::uint64_t next() { return numbers_.next(); }
 
   // In [low, high).
   double uniform(double low, double high) {
@@ -34,7 +31,7 @@ class Random {
   }
 
  private:
-  std::uint64_t state_;
+  SplitMix64 numbers_;
 };
 
 }  // namespace waymark::simulator

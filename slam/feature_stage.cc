@@ -54,25 +54,29 @@ void FeatureStage::await(const FrameInput& frame, bool has_pose, StageObserver* 
 
 // What a picture's own views leave open of its place is a new error where the pose comes from
 // somewhere else, and part of what it is relative to where it came from there already.
-LateOutcome FeatureStage::late(const LateResult& seen, const MapMarker& marker,
-                               StageObserver* observer) {
-  if (!options_.enabled) return LateOutcome::kUnknown;
+void FeatureStage::late(const LateResult& seen, const MapMarker& picture,
+                        std::span<const Eigen::Vector2d> points_m, StageObserver* observer) {
+  if (!options_.enabled) return;
   const StageScope scope(observer, Stage::kFeatures);
-  const Transform T_w_c = *marker.T_w_m * seen.T_m_c;
-  Matrix6d covariance = turnedCovariance(marker.T_w_m->R, seen.covariance);
-  if (anchor_ != marker.id && !integrator_.adrift()) {
-    const Matrix6d T = rigidTransport(T_w_c.p - marker.T_w_m->p);
-    covariance += T * marker.covariance * T.transpose();
+  const Transform& T_w_p = *picture.T_w_m;
+  const Transform T_w_c = T_w_p * seen.T_m_c;
+  Matrix6d covariance = turnedCovariance(T_w_p.R, seen.covariance);
+  if (anchor_ != picture.id && !integrator_.adrift()) {
+    const Matrix6d T = rigidTransport(T_w_c.p - T_w_p.p);
+    covariance += T * picture.covariance * T.transpose();
   }
-  const LateOutcome outcome = integrator_.late(seen.sequence, T_w_c, covariance, pointsOf(marker));
-  switch (outcome) {
+  points_w_.clear();
+  for (const Eigen::Vector2d& p : points_m) {
+    points_w_.push_back(T_w_p * Eigen::Vector3d(p.x(), p.y(), 0.0));
+  }
+  switch (integrator_.late(seen.sequence, T_w_c, covariance, points_w_)) {
     case LateOutcome::kStarted:
-      covariance_.doubtAs(marker);
-      anchor_ = marker.id;
+      covariance_.doubtAs(picture);
+      anchor_ = picture.id;
       ++counters_->picture_poses;
       break;
     case LateOutcome::kUsed:
-      if (covariance_.doubtIfLess(marker, T_w_c.p)) anchor_ = marker.id;
+      if (covariance_.doubtIfLess(picture, T_w_c.p)) anchor_ = picture.id;
       ++counters_->picture_poses;
       break;
     case LateOutcome::kRefused:
@@ -82,17 +86,6 @@ LateOutcome FeatureStage::late(const LateResult& seen, const MapMarker& marker,
     case LateOutcome::kUnknown:
       break;
   }
-  return outcome;
-}
-
-std::span<const Eigen::Vector3d> FeatureStage::pointsOf(const MapMarker& picture) {
-  points_w_.clear();
-  const auto print = std::ranges::find(options_.prints, picture.picture, &PicturePrint::name);
-  if (print == options_.prints.end()) return {};
-  for (const Eigen::Vector2d& point_m : print->points_m) {
-    points_w_.push_back(*picture.T_w_m * Eigen::Vector3d(point_m.x(), point_m.y(), 0.0));
-  }
-  return points_w_;
 }
 
 }  // namespace waymark::slam

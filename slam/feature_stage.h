@@ -46,16 +46,16 @@ class FeatureStage {
   [[nodiscard]] int anchor() const { return anchor_; }
   // After all of these: somebody else looks at the frame, too.
   void await(const FrameInput& frame, bool has_pose, StageObserver* observer);
-  // Before all of these: a marker of the map (a picture) was seen in an awaited frame, whose camera
-  // was there. covariance: of T_w_c, with what the marker's own views leave open.
-  LateOutcome late(const LateResult& seen, const MapMarker& marker, StageObserver* observer);
+  // Before all of these: a picture of the map was seen in an awaited frame. points_m: of its print,
+  // that features may begin at.
+  void late(const LateResult& seen, const MapMarker& picture,
+            std::span<const Eigen::Vector2d> points_m, StageObserver* observer);
   // The map has moved under the camera.
   void moveWorld(const Transform& T_new_old) { integrator_.moveWorld(T_new_old); }
 
  private:
   [[nodiscard]] bool concerns(const FrameInput& frame) const;
   [[nodiscard]] std::optional<PoseEstimate> inWorld(std::optional<PoseEstimate> pose) const;
-  [[nodiscard]] std::span<const Eigen::Vector3d> pointsOf(const MapMarker& picture);
 
   const NaturalOptions& options_;
   MapCovariance& covariance_;

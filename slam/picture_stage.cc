@@ -11,13 +11,6 @@ namespace {
 // One is looked at while the one before is answered.
 constexpr std::size_t kAwaited = 4;
 
-Matrix6d surveyCovariance(const PicturePrint& print) {
-  Vector6d variances;
-  variances << Eigen::Vector3d::Constant(print.sigma_m * print.sigma_m),
-      Eigen::Vector3d::Constant(print.sigma_rad * print.sigma_rad);
-  return variances.asDiagonal();
-}
-
 }  // namespace
 
 Options withSurveyedPictures(Options options) {
@@ -51,7 +44,7 @@ void PictureStage::place(const PicturePrint& print, const Transform& T_w_m,
 void PictureStage::placeSurveyed() {
   for (const PicturePrint& print : with_.options.natural.prints) {
     if (!print.T_w_m || with_.map->findPosed(pictureId(print.name)) != nullptr) continue;
-    place(print, *print.T_w_m, surveyCovariance(print));
+    place(print, *print.T_w_m, independentCovariance(print.sigma_m, print.sigma_rad));
   }
 }
 
@@ -69,33 +62,35 @@ bool PictureStage::hearOne(const LateResult& seen, StageObserver* observer) {
     ++with_.counters->late_unknown;
     return false;
   }
-  bool changed = false;
-  if (with_.map->empty()) {
-    if (!with_.options.mapping) return false;
-    changed = beginMap(*frame, seen, *print);
-  }
+  const bool begins = with_.map->empty() && with_.options.mapping;
+  if (begins) beginMap(*frame, seen, *print);
   if (with_.options.mapping) with_.map->addPicture(*print);
   if (const MapMarker* const known = with_.map->findPosed(seen.landmark)) {
-    (void)with_.features->late(seen, *known, observer);
+    with_.features->late(seen, *known, print->points_m, observer);
   }
-  if (!with_.options.mapping) return changed;
+  const bool grows = with_.options.mapping && grow(*frame, seen, *print, observer);
+  return begins || grows;
+}
+
+bool PictureStage::grow(const AwaitedFrame& frame, const LateResult& seen,
+                        const PicturePrint& print, StageObserver* observer) {
   const StageScope scope(observer, Stage::kMap);
   const bool was_placed = with_.map->findPosed(seen.landmark) != nullptr;
-  if (!with_.updater->growByPicture(*frame, seen, with_.map)) return changed;
+  if (!with_.updater->growByPicture(frame, seen, with_.map)) return false;
   const MapMarker* const known = with_.map->findPosed(seen.landmark);
   if (known == nullptr || was_placed) return true;
   // Its place has the frame's error in it already.
   with_.covariance->introduce(seen.landmark, *known->T_w_m, Matrix6d::Zero(), with_.map);
-  if (print->T_w_m) placeSurveyed();  // the world is the survey's by now
+  if (print.T_w_m) placeSurveyed();  // the world is the survey's by now
   return true;
 }
 
 // Without any marker: the world is the survey's, else that frame's camera.
-bool PictureStage::beginMap(const AwaitedFrame& frame, const LateResult& seen,
+void PictureStage::beginMap(const AwaitedFrame& frame, const LateResult& seen,
                             const PicturePrint& print) {
   if (print.T_w_m) {
     placeSurveyed();
-    return true;
+    return;
   }
   const Matrix6d covariance = covarianceOfInverse(seen.T_m_c, seen.covariance);
   const Transform T_c_m = seen.T_m_c.inverse();
@@ -104,7 +99,6 @@ bool PictureStage::beginMap(const AwaitedFrame& frame, const LateResult& seen,
   first.links = {{seen.landmark, T_c_m, covariance}};
   with_.map->addKeyframe(std::move(first));
   ++with_.counters->keyframes_added;
-  return true;
 }
 
 void PictureStage::await(const FrameInput& frame, const FrameResult& result,

@@ -49,7 +49,9 @@ class PictureStage {
  private:
   [[nodiscard]] bool hearOne(const LateResult& seen, StageObserver* observer);
   [[nodiscard]] const PicturePrint* printOf(int id) const;
-  bool beginMap(const AwaitedFrame& frame, const LateResult& seen, const PicturePrint& print);
+  void beginMap(const AwaitedFrame& frame, const LateResult& seen, const PicturePrint& print);
+  [[nodiscard]] bool grow(const AwaitedFrame& frame, const LateResult& seen,
+                          const PicturePrint& print, StageObserver* observer);
   void placeSurveyed();
   void place(const PicturePrint& print, const Transform& T_w_m, const Matrix6d& covariance);
 

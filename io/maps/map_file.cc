@@ -15,6 +15,7 @@
 
 #include "base/decimal_seconds.h"
 #include "io/settings/slam_settings.h"
+#include "io/text/fnv.h"
 #include "io/text/json_node.h"
 #include "io/text/number_text.h"
 #include "io/text/plausible.h"
@@ -46,15 +47,9 @@ std::string_view nameOf(MarkerState state) {
   return {};
 }
 
-// FNV-1a, 64 bits, over all of the text but the line of the checksum itself.
+// Over all of the text but the line of the checksum itself.
 std::string checksum(std::string_view before, std::string_view after) {
-  std::uint64_t hash = 0xcbf29ce484222325U;
-  for (const std::string_view part : {before, after}) {
-    for (const char c : part) {
-      hash ^= static_cast<unsigned char>(c);
-      hash *= 0x100000001b3U;
-    }
-  }
+  const std::uint64_t hash = fnv1a(after, fnv1a(before));
   constexpr std::string_view kDigits = "0123456789abcdef";
   std::string text = "fnv1a64:";
   for (int shift = 60; shift >= 0; shift -= 4) text += kDigits[(hash >> shift) & 0xfU];
@@ -321,10 +316,7 @@ class MapReader {
     slam::MapMarker marker;
     marker.id = id;
     marker.size_m = size_m;
-    readPlace(node, posed, &marker);
-    if (node.good() && !map->putMarker(marker)) {
-      node.at("other_T_w_m").fail("must not be there without a first pose");
-    }
+    readPlace(node, posed, std::move(marker), map);
   }
 
   void readPicture(const JsonNode& node, slam::Map* map) const {
@@ -342,15 +334,11 @@ class MapReader {
     if (!isSize(marker.height_m)) node.at("height").fail(kSizes);
     if (map->find(marker.id) != nullptr) node.at("name").fail("occurs twice");
     if (!node.good()) return;
-    readPlace(node, node.has("T_w_m"), &marker);
-    if (node.good() && !map->putMarker(marker)) {
-      node.at("other_T_w_m").fail("must not be there without a first pose");
-    }
+    readPlace(node, node.has("T_w_m"), std::move(marker), map);
   }
 
-  // State and poses. Precondition: id and size are known.
-  static void readPlace(const JsonNode& node, bool posed, slam::MapMarker* to) {
-    slam::MapMarker& marker = *to;
+  // State and poses of a marker whose id and size are known, and so into the map.
+  static void readPlace(const JsonNode& node, bool posed, slam::MapMarker marker, slam::Map* map) {
     marker.state = posed ? MarkerState::kMapped : MarkerState::kUnresolved;
     if (node.has("state")) marker.state = readState(node.at("state"));
     if (posed) marker.T_w_m = node.at("T_w_m").transform();
@@ -365,6 +353,9 @@ class MapReader {
       for (const JsonNode& pose : node.at("former_poses").elements()) {
         marker.former_poses.push_back(pose.transform());
       }
+    }
+    if (node.good() && !map->putMarker(marker)) {
+      node.at("other_T_w_m").fail("must not be there without a first pose");
     }
   }
 

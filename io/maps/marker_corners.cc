@@ -58,8 +58,8 @@ Result<std::vector<MarkerCorners>> readMarkerCorners(const std::filesystem::path
 std::vector<MarkerCorners> posedMarkerCorners(const slam::Map& map) {
   std::vector<MarkerCorners> markers;
   for (const auto& [id, marker] : map.markers()) {
-    if (marker.T_w_m && !slam::isPicture(id))
-      markers.push_back({id, marker.size_m, marker.cornersInWorld()});
+    if (!marker.T_w_m || slam::isPicture(id)) continue;
+    markers.push_back({id, marker.size_m, marker.cornersInWorld()});
   }
   return markers;
 }

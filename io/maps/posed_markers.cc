@@ -13,8 +13,8 @@ PosedMarkers posedMarkers(const slam::Map& map) {
   PosedMarkers result;
   result.dictionary = map.dictionary;
   for (const auto& [id, marker] : map.markers()) {
-    if (marker.T_w_m && !slam::isPicture(id))
-      result.markers.push_back({id, marker.size_m, *marker.T_w_m});
+    if (!marker.T_w_m || slam::isPicture(id)) continue;
+    result.markers.push_back({id, marker.size_m, *marker.T_w_m});
   }
   return result;
 }

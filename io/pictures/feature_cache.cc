@@ -5,6 +5,8 @@
 #include <type_traits>
 #include <utility>
 
+#include "io/text/fnv.h"
+
 namespace waymark::io {
 namespace {
 
@@ -12,16 +14,6 @@ namespace {
 constexpr std::string_view kMagic = "WMFEAT01";
 constexpr std::uint32_t kMostFeatures = 100'000;
 constexpr std::uint32_t kMostBytes = 1'024;  // of a descriptor
-
-constexpr std::uint64_t kFnvOffset = 0xcbf29ce484222325ULL;
-
-std::uint64_t fnv(std::string_view bytes, std::uint64_t hash) {
-  for (const char c : bytes) {
-    hash ^= static_cast<unsigned char>(c);
-    hash *= 0x100000001b3ULL;
-  }
-  return hash;
-}
 
 // Numbers as this computer has them: the cache does not travel.
 template <typename T>
@@ -91,7 +83,7 @@ std::uint64_t featureKey(std::string_view image, const slam::NaturalMarkerOption
   put(options.tilt_factor, &decisive);
   put(options.features.kind, &decisive);
   put(options.features.sift_contrast, &decisive);
-  return fnv(decisive, fnv(image, kFnvOffset));
+  return fnv1a(decisive, fnv1a(image));
 }
 
 FeatureCache parseFeatureCache(std::string_view bytes) {
@@ -101,7 +93,7 @@ FeatureCache parseFeatureCache(std::string_view bytes) {
   std::string_view tail = bytes.substr(bytes.size() - kSum);
   (void)take(&tail, &sum);
   bytes.remove_suffix(kSum);
-  if (fnv(bytes, kFnvOffset) != sum) return {};
+  if (fnv1a(bytes) != sum) return {};
   bytes.remove_prefix(kMagic.size());
   FeatureCache cache;
   while (!bytes.empty()) {
@@ -130,7 +122,7 @@ std::string formatFeatureCache(const FeatureCache& cache) {
     }
     out.append(reinterpret_cast<const char*>(set.descriptors.data()), set.descriptors.size());
   }
-  put(fnv(out, kFnvOffset), &out);
+  put(fnv1a(out), &out);
   return out;
 }
 

@@ -63,21 +63,15 @@ Pattern startPattern(const Map& map, const MarkerOptions& markers) {
   return pattern;
 }
 
-Matrix6d informationOf(double sigma_m, double sigma_rad) {
-  Vector6d diagonal;
-  diagonal << Eigen::Vector3d::Constant(1.0 / (sigma_m * sigma_m)),
-      Eigen::Vector3d::Constant(1.0 / (sigma_rad * sigma_rad));
-  return diagonal.asDiagonal();
-}
-
 // What is known of a marker's place but from the keyframes. variance: that of the residuals, in
 // whose units the system is.
 void addPriors(int id, const Transform& T_w_m, const MarkerOptions& markers, double variance,
                int position, BlockSystem* system) {
-  system->diagonal(position) += variance * informationOf(kUnknown_m, kUnknown_rad);
+  system->diagonal(position) += variance * independentInformation(kUnknown_m, kUnknown_rad);
   for (const Anchor& anchor : markers.anchors) {
     if (anchor.id != id) continue;
-    const Matrix6d information = variance * informationOf(anchor.sigma_m, anchor.sigma_rad);
+    const Matrix6d information =
+        variance * independentInformation(anchor.sigma_m, anchor.sigma_rad);
     system->diagonal(position) += information;
     system->right(position) += information * T_w_m.localCoordinates(anchor.T_w_m);
   }
@@ -119,11 +113,9 @@ LinearizedView linearizeLink(const Transform& T_w_m, const MarkerLink& link, con
   return view;
 }
 
-// The markers that a keyframe says something about: those it sees, and those carried to it.
 std::vector<int> markersOf(const Keyframe& keyframe) {
   std::vector<int> ids;
-  for (const MarkerDetection& detection : keyframe.detections) ids.push_back(detection.id);
-  for (const MarkerLink& link : keyframe.links) ids.push_back(link.marker);
+  keyframe.forEachMarker([&](int id) { ids.push_back(id); });
   sortUnique(&ids);
   return ids;
 }

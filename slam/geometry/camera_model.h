@@ -26,6 +26,8 @@ struct Calibration {
   DistortionModel model = DistortionModel::kRational;
   std::array<double, 8> distortion{};
 
+  friend bool operator==(const Calibration&, const Calibration&) = default;
+
   // Empty when usable, else the reason it is not.
   [[nodiscard]] std::string invalidReason() const;
 };

@@ -14,6 +14,21 @@ namespace waymark::slam {
   return turn * covariance * turn.transpose();
 }
 
+// Of errors that have nothing in common: standard deviations of each coordinate, metres and
+// radians.
+[[nodiscard]] inline Matrix6d independentCovariance(double sigma_m, double sigma_rad) {
+  Vector6d variances;
+  variances << Eigen::Vector3d::Constant(sigma_m * sigma_m),
+      Eigen::Vector3d::Constant(sigma_rad * sigma_rad);
+  return variances.asDiagonal();
+}
+[[nodiscard]] inline Matrix6d independentInformation(double sigma_m, double sigma_rad) {
+  Vector6d diagonal;
+  diagonal << Eigen::Vector3d::Constant(1.0 / (sigma_m * sigma_m)),
+      Eigen::Vector3d::Constant(1.0 / (sigma_rad * sigma_rad));
+  return diagonal.asDiagonal();
+}
+
 // Of (dp, dtheta) of T_a_b^-1, from that of T_a_b. To first order: (R Exp, p + dp) turns the other
 // frame by -R^T dtheta, and moves it by -R^T (dp + p x dtheta).
 [[nodiscard]] inline Matrix6d covarianceOfInverse(const Transform& T_a_b,

@@ -71,6 +71,13 @@ struct Keyframe {
 
   // Null when the keyframe does not see the marker.
   [[nodiscard]] const MarkerDetection* find(int marker_id) const;
+  // take(id) for each marker that it says something about: those it sees, then those it is linked
+  // to.
+  template <typename Take>
+  void forEachMarker(const Take& take) const {
+    for (const MarkerDetection& detection : detections) take(detection.id);
+    for (const MarkerLink& link : links) take(link.marker);
+  }
 };
 
 // A copy shares the corners of its keyframes with the original: it costs some memory for each

@@ -77,8 +77,7 @@ bool PoseIntegrator::follow(std::int64_t time_ns, const ImageView& image, const 
   const bool features_knew = bridging_ || fused_;
   fused_.reset();
   if (!filter_) return true;
-  if (adrift_ || anew_) filter_->reset();  // the markers know better
-  adrift_ = anew_ = false;
+  if (adrift_ || anew_) giveUp();  // the markers know better
   late_refusals_ = 0;
   advance(time_ns);
   if (running() && contradicts(pose)) {
@@ -122,8 +121,7 @@ std::optional<VisualUpdate> PoseIntegrator::look(std::int64_t time_ns, const Ima
   if (update.believed >= options_.integrator.min_features) last_seen_ns_ = time_ns;
   const double blind_s = secondsBetween(last_seen_ns_, time_ns);
   if (blind_s <= options_.integrator.max_blind_s && isFinite(filter_->pose())) return update;
-  filter_->reset();
-  adrift_ = anew_ = false;
+  giveUp();
   return std::nullopt;
 }
 
@@ -171,12 +169,10 @@ LateOutcome PoseIntegrator::late(std::uint64_t frame, const Transform& T_w_c,
                                  std::span<const Eigen::Vector3d> points_w) {
   if (!running()) return LateOutcome::kUnknown;
   FeatureFilter& filter = filter_->filter();
-  // Pictures' errors are much the same from image to image: averaging them would make too much of
-  // them.
-  if (!adrift_ && variance(filter_->pose().covariance) < variance(covariance)) {
-    return LateOutcome::kKnown;
-  }
   if (!adrift_) {
+    // Pictures' errors are much the same from image to image: averaging them would make too much
+    // of them.
+    if (variance(filter_->pose().covariance) < variance(covariance)) return LateOutcome::kKnown;
     const PoseOutcome outcome = filter.observePastPose(frame, T_w_c, covariance);
     if (outcome == PoseOutcome::kUnknownFrame) return LateOutcome::kUnknown;
     if (outcome == PoseOutcome::kUsed) {
@@ -227,9 +223,13 @@ void PoseIntegrator::advance(std::int64_t time_ns) {
   if (dt_s > 0.0 && dt_s <= options_.integrator.max_pause_s) {
     filter_->predict(dt_s);
   } else {
-    filter_->reset();
-    adrift_ = anew_ = false;
+    giveUp();
   }
+}
+
+void PoseIntegrator::giveUp() {
+  filter_->reset();
+  adrift_ = anew_ = false;
 }
 
 void PoseIntegrator::start(std::int64_t time_ns, const PoseEstimate& pose) {

@@ -122,6 +122,7 @@ class PoseIntegrator {
   // After a frame with that pose from markers.
   [[nodiscard]] std::optional<PoseEstimate> fusedPose(const PoseEstimate& of_markers,
                                                       const VisualUpdate& update) const;
+  void giveUp();
   // To the frame's time; gives up after a pause.
   void advance(std::int64_t time_ns);
   void start(std::int64_t time_ns, const PoseEstimate& pose);

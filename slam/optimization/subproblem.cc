@@ -8,6 +8,7 @@
 #include <Eigen/LU>
 
 #include "base/sorted.h"
+#include "slam/geometry/turned_covariance.h"
 #include "slam/map/world_reference.h"
 #include "slam/option_checks.h"
 
@@ -28,10 +29,8 @@ void addMarkers(const Map& map, std::span<const int> ids, const MarkerOptions& m
   for (const Anchor& anchor : markers.anchors) {
     const int index = part->markerIndex(anchor.id);
     if (index < 0) continue;
-    Vector6d information;
-    information << Eigen::Vector3d::Constant(1.0 / (anchor.sigma_m * anchor.sigma_m)),
-        Eigen::Vector3d::Constant(1.0 / (anchor.sigma_rad * anchor.sigma_rad));
-    part->problem.priors.push_back({index, anchor.T_w_m, information.asDiagonal()});
+    part->problem.priors.push_back(
+        {index, anchor.T_w_m, independentInformation(anchor.sigma_m, anchor.sigma_rad)});
   }
 }
 
@@ -71,13 +70,6 @@ void addViews(const Map& map, int marker_id, std::vector<KeyframeId>* views) {
   }
 }
 
-// The markers that a keyframe says something about, one after the other.
-template <typename Take>
-void forEachMarker(const Keyframe& keyframe, const Take& take) {
-  for (const MarkerDetection& detection : keyframe.detections) take(detection.id);
-  for (const MarkerLink& link : keyframe.links) take(link.marker);
-}
-
 struct Viewer {
   KeyframeId id = -1;
   int markers = 0;  // of those that are asked for
@@ -104,7 +96,7 @@ void sortMostFirst(std::vector<Viewer>* viewers) {
 // first; ascending, itself among them.
 std::vector<KeyframeId> nearest(const Map& map, KeyframeId keyframe, int keyframes) {
   std::vector<KeyframeId> views;  // once for each marker they share
-  forEachMarker(map.keyframes().at(keyframe), [&](int id) { addViews(map, id, &views); });
+  map.keyframes().at(keyframe).forEachMarker([&](int id) { addViews(map, id, &views); });
   std::vector<Viewer> viewers = countedViewers(&views);
   std::erase_if(viewers, [&](const Viewer& viewer) { return viewer.id == keyframe; });
   if (static_cast<int>(viewers.size()) >= keyframes) {
@@ -135,7 +127,7 @@ std::vector<KeyframeId> holders(const Map& map, std::span<const int> markers,
     bool wanted = false;
     const Keyframe& keyframe = map.keyframes().at(candidate.id);
     const auto each = [&](const auto& take) {
-      forEachMarker(keyframe, [&](int id) {
+      keyframe.forEachMarker([&](int id) {
         const auto found = std::ranges::lower_bound(markers, id);
         if (found == markers.end() || *found != id) return;
         take(held[static_cast<std::size_t>(found - markers.begin())]);
@@ -175,11 +167,8 @@ SubproblemMembers wholeMap(const Map& map) {
 SubproblemMembers localMap(const Map& map, KeyframeId keyframe, const LocalMapOptions& options) {
   const std::vector<KeyframeId> near = nearest(map, keyframe, options.max_keyframes);
   SubproblemMembers roles;
-  roles.markers = map.markersSeenFrom(near);
   for (const KeyframeId id : near) {
-    for (const MarkerLink& link : map.keyframes().at(id).links) {
-      roles.markers.push_back(link.marker);
-    }
+    map.keyframes().at(id).forEachMarker([&](int marker) { roles.markers.push_back(marker); });
   }
   sortUnique(&roles.markers);
   for (const KeyframeId id : near) roles.keyframes.push_back({id, false});
@@ -197,7 +186,7 @@ SubproblemMembers regionAround(const Map& map, std::span<const KeyframeId> seeds
   std::set<int> markers;
   for (std::size_t i = 0; i < inside.size(); ++i) {
     std::vector<KeyframeId> views;
-    forEachMarker(map.keyframes().at(inside[i]), [&](int id) {
+    map.keyframes().at(inside[i]).forEachMarker([&](int id) {
       if (markers.insert(id).second) addViews(map, id, &views);
     });
     for (const KeyframeId view : views) {

@@ -9,14 +9,6 @@
 namespace waymark::slam {
 namespace {
 
-// SplitMix64: the same numbers on every machine.
-std::uint64_t nextRandom(std::uint64_t* state) {
-  std::uint64_t z = (*state += 0x9e3779b97f4a7c15ULL);
-  z = (z ^ (z >> 30)) * 0xbf58476d1ce4e5b9ULL;
-  z = (z ^ (z >> 27)) * 0x94d049bb133111ebULL;
-  return z ^ (z >> 31);
-}
-
 bool farther(const DescriptorIndex::Workspace::Branch& a,
              const DescriptorIndex::Workspace::Branch& b) {
   if (a.bound != b.bound) return a.bound > b.bound;
@@ -53,7 +45,7 @@ DescriptorIndex::DescriptorIndex(std::span<const FeatureSet* const> sets,
   }
   const int count = static_cast<int>(entries_.size());
   if (kind_ != FeatureKind::kSift || count <= options_.exhaustive_up_to) return;
-  std::uint64_t random = 0x6b64;  // any; it only has to be the same always
+  SplitMix64 random(0x6b64);  // any; it only has to be the same always
   trees_.resize(static_cast<std::size_t>(options_.trees));
   for (Tree& tree : trees_) {
     tree.order.resize(entries_.size());
@@ -63,7 +55,7 @@ DescriptorIndex::DescriptorIndex(std::span<const FeatureSet* const> sets,
 }
 
 // One of the coordinates that vary most, at their mean over some of the entries.
-int DescriptorIndex::splitAxis(std::span<const int> entries, std::uint64_t* random,
+int DescriptorIndex::splitAxis(std::span<const int> entries, SplitMix64* random,
                                float* value) const {
   constexpr std::size_t kLooked = 64;  // entries that say how much a coordinate varies
   constexpr std::size_t kChoice = 5;   // the most varied, one of which is taken
@@ -89,12 +81,12 @@ int DescriptorIndex::splitAxis(std::span<const int> entries, std::uint64_t* rand
                     [&](std::size_t a, std::size_t b) {
                       return spread(a) != spread(b) ? spread(a) > spread(b) : a < b;
                     });
-  const std::size_t axis = order[nextRandom(random) % choice];
+  const std::size_t axis = order[random->next() % choice];
   *value = static_cast<float>(sum[axis]) / static_cast<float>(count);
   return static_cast<int>(axis);
 }
 
-void DescriptorIndex::build(Tree* tree, int first, int count, std::uint64_t* random) const {
+void DescriptorIndex::build(Tree* tree, int first, int count, SplitMix64* random) const {
   const std::size_t here = tree->nodes.size();
   tree->nodes.push_back({.first = first, .count = count});
   if (count <= options_.leaf_size) return;

@@ -8,6 +8,7 @@
 #include <string>
 #include <vector>
 
+#include "base/split_mix.h"
 #include "slam/natural/pictures/picture_features.h"
 
 namespace waymark::slam {
@@ -81,9 +82,8 @@ class DescriptorIndex {
   [[nodiscard]] const std::uint8_t* descriptor(int entry) const {
     return descriptors_.data() + static_cast<std::size_t>(entry) * static_cast<std::size_t>(bytes_);
   }
-  void build(Tree* tree, int first, int count, std::uint64_t* random) const;
-  [[nodiscard]] int splitAxis(std::span<const int> entries, std::uint64_t* random,
-                              float* value) const;
+  void build(Tree* tree, int first, int count, SplitMix64* random) const;
+  [[nodiscard]] int splitAxis(std::span<const int> entries, SplitMix64* random, float* value) const;
   void compare(int entry, const std::uint8_t* query, std::size_t count,
                std::vector<Neighbour>* found) const;
   // Down to the leaf of the query; the branches not taken are kept for later. Returns how many

@@ -10,19 +10,11 @@
 #include <opencv2/core.hpp>
 #include <opencv2/imgproc.hpp>
 
+#include "slam/natural/pictures/opencv_view.h"
 #include "slam/option_checks.h"
 
 namespace waymark::slam {
 namespace {
-
-cv::Mat matOf(ImageView image) {
-  return {image.height, image.width, CV_8U, const_cast<std::uint8_t*>(image.data),
-          static_cast<std::size_t>(image.stride)};
-}
-
-ImageView viewOf(const cv::Mat& image) {
-  return {image.data, image.cols, image.rows, static_cast<std::ptrdiff_t>(image.step)};
-}
 
 // The longer side becomes at most `side_px`; each pixel the mean of what it covers.
 cv::Mat reduced(const cv::Mat& image, int side_px) {
@@ -116,11 +108,10 @@ FeatureSet tiltedFeatures(const cv::Mat& picture, double turn_rad,
     }
     const Eigen::Vector2d way =
         back * Eigen::Vector2d(std::cos(f.angle_rad), std::sin(f.angle_rad));
-    kept.features.push_back({static_cast<float>(at.x()), static_cast<float>(at.y()),
-                             static_cast<float>(f.size_px * std::sqrt(back.determinant())),
-                             static_cast<float>(std::atan2(way.y(), way.x())), f.strength});
-    kept.descriptors.insert(kept.descriptors.end(), seen.descriptor(i),
-                            seen.descriptor(i) + seen.descriptor_bytes);
+    kept.add({static_cast<float>(at.x()), static_cast<float>(at.y()),
+              static_cast<float>(f.size_px * std::sqrt(back.determinant())),
+              static_cast<float>(std::atan2(way.y(), way.x())), f.strength},
+             seen.descriptor(i));
   }
   return kept;
 }

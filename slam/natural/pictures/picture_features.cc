@@ -11,6 +11,7 @@
 #include <opencv2/features2d.hpp>
 
 #include "base/vectorized.h"
+#include "slam/natural/pictures/opencv_view.h"
 #include "slam/option_checks.h"
 
 namespace waymark::slam {
@@ -101,12 +102,10 @@ std::string FeatureOptions::invalidReason() const {
 }
 
 FeatureSet extractFeatures(ImageView image, std::size_t most, const FeatureOptions& options) {
-  const cv::Mat grey(image.height, image.width, CV_8U, const_cast<std::uint8_t*>(image.data),
-                     static_cast<std::size_t>(image.stride));
   const cv::Ptr<cv::Feature2D> detector = makeDetector(options, most);
   std::vector<cv::KeyPoint> points;
   cv::Mat descriptors;
-  detector->detectAndCompute(grey, cv::noArray(), points, descriptors);
+  detector->detectAndCompute(matOf(image), cv::noArray(), points, descriptors);
 
   FeatureSet set;
   set.kind = options.kind;
@@ -114,9 +113,8 @@ FeatureSet extractFeatures(ImageView image, std::size_t most, const FeatureOptio
   for (const std::size_t i : chosen(points, most)) {
     const cv::KeyPoint& point = points[i];
     const float angle = point.angle * std::numbers::pi_v<float> / 180.0F;
-    set.features.push_back({point.pt.x, point.pt.y, point.size, angle, point.response});
-    const auto* row = descriptors.ptr<std::uint8_t>(static_cast<int>(i));
-    set.descriptors.insert(set.descriptors.end(), row, row + descriptors.cols);
+    set.add({point.pt.x, point.pt.y, point.size, angle, point.response},
+            descriptors.ptr<std::uint8_t>(static_cast<int>(i)));
   }
   set.upright = set.size();
   return set;

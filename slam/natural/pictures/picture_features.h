@@ -35,6 +35,11 @@ struct FeatureSet {
   [[nodiscard]] const std::uint8_t* descriptor(std::size_t i) const {
     return descriptors.data() + i * static_cast<std::size_t>(descriptor_bytes);
   }
+  // At the back; of descriptor_bytes.
+  void add(const Feature& feature, const std::uint8_t* its_descriptor) {
+    features.push_back(feature);
+    descriptors.insert(descriptors.end(), its_descriptor, its_descriptor + descriptor_bytes);
+  }
 };
 
 struct FeatureOptions {

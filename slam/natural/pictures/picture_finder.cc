@@ -22,11 +22,6 @@ DescriptorIndex indexOf(std::span<const NaturalMarker> markers, std::span<const 
   return DescriptorIndex(sets, options);
 }
 
-bool sameCamera(const Calibration& a, const Calibration& b) {
-  return a.width == b.width && a.height == b.height && a.fx == b.fx && a.fy == b.fy &&
-         a.cx == b.cx && a.cy == b.cy && a.model == b.model && a.distortion == b.distortion;
-}
-
 // From the print's normal, radians.
 double tiltOf(const Transform& T_c_p) {
   const double cosine = -T_c_p.R.col(2).dot(T_c_p.p.normalized());
@@ -82,9 +77,7 @@ std::vector<ImageFeature> PictureFinder::undistorted(const FeatureSet& features,
     const Eigen::Vector2d way(std::cos(feature.angle_rad), std::sin(feature.angle_rad));
     result.push_back({*normalized, feature.size_px * std::sqrt(std::abs(J_inverse.determinant())),
                       (J_inverse * way).normalized()});
-    kept->features.push_back(feature);
-    kept->descriptors.insert(kept->descriptors.end(), features.descriptor(i),
-                             features.descriptor(i) + features.descriptor_bytes);
+    kept->add(feature, features.descriptor(i));
   }
   return result;
 }
@@ -194,7 +187,7 @@ void PictureFinder::settleRivals(PictureSearch* search) const {
 
 PictureSearch PictureFinder::find(ImageView image, const CameraModel& camera,
                                   std::span<const int> candidates) {
-  if (!rays_ || !sameCamera(rays_->camera().calibration(), camera.calibration())) {
+  if (!rays_ || rays_->camera().calibration() != camera.calibration()) {
     rays_.emplace(camera);
   }
   takeSubset(candidates);

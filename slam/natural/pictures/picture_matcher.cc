@@ -12,26 +12,12 @@
 #include <Eigen/Cholesky>
 #include <Eigen/LU>
 
+#include "base/split_mix.h"
 #include "slam/geometry/homography.h"
 #include "slam/option_checks.h"
 
 namespace waymark::slam {
 namespace {
-
-// SplitMix64: the same numbers on every machine.
-class SampleSequence {
- public:
-  explicit SampleSequence(std::uint64_t seed) : state_(seed) {}
-  std::size_t below(std::size_t limit) {
-    std::uint64_t z = (state_ += 0x9e3779b97f4a7c15ULL);
-    z = (z ^ (z >> 30)) * 0xbf58476d1ce4e5b9ULL;
-    z = (z ^ (z >> 27)) * 0x94d049bb133111ebULL;
-    return static_cast<std::size_t>((z ^ (z >> 31)) % limit);
-  }
-
- private:
-  std::uint64_t state_;
-};
 
 // A match as geometry has it.
 struct PointPair {
@@ -194,7 +180,7 @@ std::vector<const PointPair*> inliersOf(const Eigen::Matrix3d& H, std::span<cons
 // The homography that most pairs agree with, fitted to them. Empty when too few do.
 std::optional<Eigen::Matrix3d> bestHomography(std::span<const PointPair> pairs, std::uint64_t seed,
                                               const PictureMatcherOptions& options) {
-  SampleSequence random(seed);
+  SplitMix64 random(seed);
   std::optional<Eigen::Matrix3d> best;
   std::size_t most = 3;
   double samples_needed = options.max_samples;
@@ -203,7 +189,7 @@ std::optional<Eigen::Matrix3d> bestHomography(std::span<const PointPair> pairs, 
     const std::size_t pool =
         std::min(pairs.size(), std::size_t{8} + static_cast<std::size_t>(i) / 6);
     std::array<std::size_t, 4> pick{};
-    for (std::size_t k = 0; k < 4; ++k) pick[k] = random.below(pool);
+    for (std::size_t k = 0; k < 4; ++k) pick[k] = static_cast<std::size_t>(random.next() % pool);
     std::sort(pick.begin(), pick.end());
     if (std::adjacent_find(pick.begin(), pick.end()) != pick.end()) continue;
     const auto H = homographyThrough(

@@ -7,6 +7,7 @@
 #include <opencv2/core.hpp>
 #include <opencv2/imgproc.hpp>
 
+#include "slam/natural/pictures/opencv_view.h"
 #include "slam/option_checks.h"
 
 namespace waymark::slam {
@@ -20,8 +21,7 @@ struct Corner {
 // Local maxima of Shi and Tomasi's measure, the strongest first.
 std::vector<Corner> cornersOf(const GreyImage<std::uint8_t>& picture, int border_px) {
   constexpr int kWindow_px = 5;
-  const cv::Mat grey(picture.height, picture.width, CV_8U,
-                     const_cast<std::uint8_t*>(picture.grey.data()));
+  const cv::Mat grey = matOf({picture.grey.data(), picture.width, picture.height, picture.width});
   cv::Mat strength;
   cv::cornerMinEigenVal(grey, strength, kWindow_px);
   cv::Mat around;

@@ -1,7 +1,7 @@
 #include "slam/natural/pictures/picture_pose.h"
 
 #include <algorithm>
-#include <array>
+#include <limits>
 
 #include "slam/geometry/homography.h"
 #include "slam/geometry/minimize_pose.h"
@@ -14,15 +14,18 @@ namespace {
 
 constexpr double kCornerSigma_px = 0.5;  // of corners that matches make; only ratios depend on it
 
-// A square on the print, around its centre, as if it were a marker.
-std::optional<MarkerDetection> squareAt(const Eigen::Matrix3d& H, double side_m, double focal_px) {
+// A square on the print, around its centre, as if it were a marker. `inCamera`: where a point of
+// the print is, with what counts as its depth; empty where one is less than least_depth.
+template <typename InCamera>
+std::optional<MarkerDetection> squareAt(double side_m, double focal_px, double least_depth,
+                                        const InCamera& inCamera) {
   MarkerDetection square;
   const auto corners = markerCorners(side_m);
+  const double sigma = kCornerSigma_px / focal_px;
   for (std::size_t k = 0; k < 4; ++k) {
-    const Eigen::Vector3d p(corners[k].x(), corners[k].y(), 1.0);
-    if (!((H * p).z() > 0.0)) return std::nullopt;
-    square.normalized[k] = applyHomography(H, p.head<2>());
-    const double sigma = kCornerSigma_px / focal_px;
+    const Eigen::Vector3d p = inCamera(corners[k]);
+    if (!(p.z() >= least_depth)) return std::nullopt;
+    square.normalized[k] = p.head<2>() / p.z();
     square.covariance[k] = sigma * sigma * Eigen::Matrix2d::Identity();
   }
   return square;
@@ -61,7 +64,12 @@ std::optional<Transform> poseFromMatches(const PictureCandidate& candidate,
                                          std::span<const ImageFeature> image, double focal_px,
                                          double kernel_px) {
   const double side_m = 0.7 * std::min(marker.width_m(), marker.height_m());
-  const auto square = squareAt(candidate.H, side_m, focal_px);
+  // Of a homography only the sign of the depth means something.
+  constexpr double kInFront = std::numeric_limits<double>::min();
+  const auto square =
+      squareAt(side_m, focal_px, kInFront, [&](const Eigen::Vector3d& corner) -> Eigen::Vector3d {
+        return candidate.H * corner.head<2>().homogeneous();
+      });
   if (!square) return std::nullopt;
   const auto both = estimateSquarePose(*square, side_m, focal_px);
   if (!both) return std::nullopt;
@@ -78,16 +86,10 @@ std::optional<Transform> poseFromMatches(const PictureCandidate& candidate,
 }
 
 std::optional<Transform> mirroredPose(const Transform& T_c_p, double size_m, double focal_px) {
-  MarkerDetection square;
-  const auto corners = markerCorners(size_m);
-  for (std::size_t k = 0; k < 4; ++k) {
-    const Eigen::Vector3d p = T_c_p * corners[k];
-    if (p.z() < kNearestDepth) return std::nullopt;
-    square.normalized[k] = p.head<2>() / p.z();
-    const double sigma = kCornerSigma_px / focal_px;
-    square.covariance[k] = sigma * sigma * Eigen::Matrix2d::Identity();
-  }
-  return otherSquarePose(square, size_m, T_c_p);
+  const auto square = squareAt(size_m, focal_px, kNearestDepth,
+                               [&](const Eigen::Vector3d& corner) { return T_c_p * corner; });
+  if (!square) return std::nullopt;
+  return otherSquarePose(*square, size_m, T_c_p);
 }
 
 }  // namespace waymark::slam
