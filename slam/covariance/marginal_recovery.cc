@@ -5,10 +5,10 @@
 #include <utility>
 #include <vector>
 
-#include <Eigen/Core>
 #include <Eigen/LU>
 
 #include "base/sorted.h"
+#include "slam/covariance/corner_sums.h"
 #include "slam/geometry/reprojection.h"
 #include "slam/geometry/robust.h"
 #include "slam/geometry/small_cholesky.h"
@@ -82,7 +82,7 @@ struct LinearizedView {
   int position = 0;                         // in the system; less than 0 for a marker that is fixed
   Matrix6d information = Matrix6d::Zero();  // A: of the marker, the camera held
   Vector6d gradient = Vector6d::Zero();     // g = J^T W r: of half the squared residuals
-  Matrix6d transport;                       // T: from the camera's motion to the marker's
+  Eigen::Vector3d d_w = Eigen::Vector3d::Zero();  // from the camera to the marker, metres
 };
 
 // False when a corner is behind the camera. Corners beyond `huber` pull as in the optimizations.
@@ -90,16 +90,18 @@ bool linearize(const Transform& T_w_m, double size_m, const MarkerDetection& det
                const Transform& T_w_c, double huber, LinearizedView* view) {
   const auto corners_m = markerCorners(size_m);
   for (std::size_t k = 0; k < 4; ++k) {
-    const Eigen::Vector3d corner_w = T_w_m * corners_m[k];
+    const Eigen::Vector3d arm = T_w_m.R.leftCols<2>() * corners_m[k].head<2>();
     Projection projection;
-    if (!projectPoint(T_w_c, corner_w, &projection)) return false;
-    const Eigen::Matrix2d W = whitening(detection.covariance[k]);
-    const Eigen::Vector2d r = W * (projection.normalized - detection.normalized[k]);
-    const Matrix26d J = W * markerJacobian(T_w_m, corner_w, projection.J_point);
-    view->information.noalias() += J.transpose() * J;
-    view->gradient.noalias() += J.transpose() * (huberWeight(r.squaredNorm(), huber) * r);
+    if (!projectPoint(T_w_c, T_w_m.p + arm, &projection)) return false;
+    const Eigen::Matrix2d W = detection.covariance[k].inverse();
+    const Eigen::Vector2d r = projection.normalized - detection.normalized[k];
+    const Eigen::Vector2d Wr = W * r;
+    addSquare(projection.J_point, arm, W, &view->information);
+    view->gradient +=
+        huberWeight(r.dot(Wr), huber) * transposedJacobianTimes(projection.J_point, arm, Wr);
   }
-  view->transport = rigidTransport(T_w_m.p - T_w_c.p);
+  mirror(&view->information);
+  view->d_w = T_w_m.p - T_w_c.p;
   return true;
 }
 
@@ -109,7 +111,7 @@ LinearizedView linearizeLink(const Transform& T_w_m, const MarkerLink& link, con
   LinearizedView view;
   view.information = variance * turnedCovariance(T_w_c.R, link.covariance.inverse());
   view.gradient = view.information * (T_w_c * link.T_c_m).localCoordinates(T_w_m);
-  view.transport = rigidTransport(T_w_m.p - T_w_c.p);
+  view.d_w = T_w_m.p - T_w_c.p;
   return view;
 }
 
@@ -123,8 +125,9 @@ std::vector<int> markersOf(const Keyframe& keyframe) {
 // What the keyframe says of its markers when nobody knows where it was itself: A_i where i = j,
 // less A_i T_i C^-1 T_j^T A_j, C = sum T_i^T A_i T_i; and on the right side less g_i, and
 // A_i T_i C^-1 sum T_j^T g_j. (Moving the camera is moving all it sees the other way: the camera's
-// Jacobian is that of the marker times -T.)
-void addKeyframe(std::vector<LinearizedView>* views, bool held, BlockSystem* system) {
+// Jacobian is that of the marker times -T, T = rigidTransport(d).)
+void addKeyframe(std::vector<LinearizedView>* views, bool held, std::vector<Matrix6d>* scratch,
+                 BlockSystem* system) {
   std::ranges::sort(*views, {}, &LinearizedView::position);
   for (const LinearizedView& view : *views) {
     if (view.position < 0) continue;
@@ -134,12 +137,13 @@ void addKeyframe(std::vector<LinearizedView>* views, bool held, BlockSystem* sys
   if (held) return;
   Matrix6d C = Matrix6d::Zero();
   Vector6d pull = Vector6d::Zero();
-  std::vector<Matrix6d> Y(views->size());  // transposed: A_i T_i, later times L^-T
+  std::vector<Matrix6d>& Y = *scratch;  // A_i T_i, later times L^-T
+  Y.resize(views->size());
   for (std::size_t i = 0; i < views->size(); ++i) {
     const LinearizedView& view = (*views)[i];
-    Y[i].noalias() = view.information * view.transport;
-    C.noalias() += view.transport.transpose() * Y[i];
-    pull.noalias() += view.transport.transpose() * view.gradient;
+    Y[i] = transposedTransport(view.d_w, view.information).transpose();
+    C += transposedTransport(view.d_w, Y[i]);
+    pull += transposedTransport(view.d_w, view.gradient);
   }
   if (!factorizeCholesky(&C)) return;
   solveLower(C, &pull);
@@ -184,6 +188,7 @@ Task<MapMarginals> recoverMarginals(const Map& map, const MarkerOptions& markers
   const double huber = BundleOptions{}.huber * residual_sigma;  // as in the optimizations
   const double variance = residual_sigma * residual_sigma;
   std::vector<LinearizedView> views;
+  std::vector<Matrix6d> scratch;
   for (const PatternKeyframe& known : pattern.keyframes) {
     const auto n = static_cast<double>(known.seen.size());
     co_await budget->spend(kLinearizeView * n + kBlockProduct * n * (n + 1.0));
@@ -214,7 +219,7 @@ Task<MapMarginals> recoverMarginals(const Map& map, const MarkerOptions& markers
       views.push_back(linearizeLink(*marker->T_w_m, link, found->second.T_w_c, variance));
       views.back().position = *position;
     }
-    addKeyframe(&views, known.held, &system);
+    addKeyframe(&views, known.held, &scratch, &system);
   }
   for (std::size_t i = 0; i < pattern.unknown.size(); ++i) {
     const int id = pattern.unknown[i];

@@ -1,5 +1,8 @@
 #include "slam/covariance/marker_information.h"
 
+#include <Eigen/LU>
+
+#include "slam/covariance/corner_sums.h"
 #include "slam/geometry/reprojection.h"
 
 namespace waymark::slam {
@@ -12,21 +15,21 @@ std::optional<MarkerInformation> markerInformation(const Transform& T_w_m, doubl
   const auto corners_m = markerCorners(size_m);
   MarkerInformation information;
   for (std::size_t k = 0; k < 4; ++k) {
-    const Eigen::Vector3d corner_w = T_w_m * corners_m[k];
+    const Eigen::Vector3d arm = T_w_m.R.leftCols<2>() * corners_m[k].head<2>();
     Projection projection;
-    if (!projectPoint(T_w_c, corner_w, &projection)) return std::nullopt;
-    const Matrix26d J = markerJacobian(T_w_m, corner_w, projection.J_point);
+    if (!projectPoint(T_w_c, T_w_m.p + arm, &projection)) return std::nullopt;
+    const Matrix23d& P = projection.J_point;
     const Eigen::Matrix2d& R = detection.covariance[k];
     if (sure) {
-      const Matrix26d WJ = whitening(R) * J;
-      information.weighted.noalias() += WJ.transpose() * WJ;
+      addSquare(P, arm, R.inverse(), &information.weighted);
       continue;
     }
-    const Eigen::Matrix2d W = (R + kShared * J * doubt * J.transpose()).inverse();
-    const Matrix26d WJ = W * J;
-    information.weighted.noalias() += J.transpose() * WJ;
-    information.noise.noalias() += WJ.transpose() * R * WJ;
+    const Eigen::Matrix2d W = (R + kShared * spreadOfCorner(P, arm, doubt)).inverse();
+    addSquare(P, arm, W, &information.weighted);
+    addSquare(P, arm, W * R * W, &information.noise);
   }
+  mirror(&information.weighted);
+  mirror(&information.noise);
   if (sure) information.noise = information.weighted;
   return information;
 }

@@ -2,12 +2,12 @@
 
 #include <algorithm>
 #include <memory_resource>
-#include <tuple>
 #include <vector>
 
 #include "base/stack_arena.h"
 #include "slam/covariance/marker_information.h"
 #include "slam/geometry/minimize_pose.h"
+#include "slam/optimization/block_kernels.h"
 
 namespace waymark::slam {
 namespace {
@@ -18,48 +18,71 @@ struct Voice {
   Matrix6d gain;  // G = T^T A: what its error adds to the right side of the normal equations
   double information = 0.0;
   bool of_map = false;  // its place, and what it has in common with the leader's, is known
+
+  [[nodiscard]] int id() const { return marker->detection->id; }
 };
 
-using Voices = std::pmr::vector<Voice>;
+using Voices = std::pmr::vector<Voice*>;  // those that say most first
+using Blocks = std::pmr::vector<const Matrix6d*>;
 
-int idOf(const Voice& voice) { return voice.marker->detection->id; }
-
-// sum_ij G_i E[delta_i delta_j^T] G_j^T of markers whose common covariances are all known, those
-// that say most first: blocks of one positive matrix. The others hang on the first of them. Empty
-// where the marginals know none. Precondition: sorted by what they say.
-std::optional<Matrix6d> spreadOfMap(Voices* voices, const MapMarginals& marginals) {
-  Voice* leader = nullptr;
-  Matrix6d spread = Matrix6d::Zero();
-  for (Voice& voice : *voices) {
-    const bool known = marginals.find(idOf(voice)) != nullptr;
-    voice.of_map =
-        known && std::ranges::all_of(*voices, [&](const Voice& other) {
-          return !other.of_map || marginals.findBetween(idOf(voice), idOf(other)) != nullptr;
-        });
-    if (voice.of_map && leader == nullptr) leader = &voice;
-  }
-  if (leader == nullptr) return std::nullopt;
-  for (const Voice& voice : *voices) {
-    if (voice.of_map) continue;
-    leader->gain += voice.gain * rigidTransport(voice.marker->T_w_m.p - leader->marker->T_w_m.p);
-  }
-  Matrix6d half;
-  Matrix6d shared;
-  for (std::size_t i = 0; i < voices->size(); ++i) {
-    const Voice& a = (*voices)[i];
-    if (!a.of_map) continue;
-    half.noalias() = a.gain * *marginals.find(idOf(a));
-    spread.noalias() += half * a.gain.transpose();
-    for (std::size_t j = 0; j < i; ++j) {
-      const Voice& b = (*voices)[j];
-      if (!b.of_map) continue;
-      const auto& [small, large] = idOf(a) < idOf(b) ? std::tie(a, b) : std::tie(b, a);
-      half.noalias() = small.gain * *marginals.findBetween(idOf(a), idOf(b));
-      shared.noalias() = half * large.gain.transpose();
-      spread += shared + shared.transpose();
+// Marks those whose common covariances are all known, each in its turn: blocks of one positive
+// matrix. Returns these blocks, row by row: with those before it, then its own.
+Blocks chooseOfMap(const Voices& voices, const MapMarginals& marginals,
+                   std::pmr::memory_resource* memory) {
+  Blocks blocks(memory);
+  blocks.reserve(voices.size() * (voices.size() + 1) / 2);
+  for (Voice* const voice : voices) {
+    const Matrix6d* const own = marginals.find(voice->id());
+    if (own == nullptr) continue;
+    const std::size_t row = blocks.size();
+    voice->of_map = std::ranges::all_of(voices, [&](const Voice* other) {
+      if (!other->of_map) return true;
+      blocks.push_back(marginals.findBetween(voice->id(), other->id()));
+      return blocks.back() != nullptr;
+    });
+    if (voice->of_map) {
+      blocks.push_back(own);
+    } else {
+      blocks.resize(row);
     }
   }
-  return spread;
+  return blocks;
+}
+
+// sum_ij G_i E[delta_i delta_j^T] G_j^T of the chosen ones; the others hang on the first of them.
+// Empty where the marginals know none.
+std::optional<Matrix6d> spreadOfMap(const Voices& voices, const MapMarginals& marginals,
+                                    std::pmr::memory_resource* memory) {
+  const Blocks blocks = chooseOfMap(voices, marginals, memory);
+  const auto found = std::ranges::find_if(voices, &Voice::of_map);
+  if (found == voices.end()) return std::nullopt;
+  Voice& leader = **found;
+  for (const Voice* const voice : voices) {
+    if (voice->of_map) continue;
+    leader.gain += voice->gain * rigidTransport(voice->marker->T_w_m.p - leader.marker->T_w_m.p);
+  }
+  // The sum is X + X^T; one product for each pair, and one for each row.
+  Matrix6d X = Matrix6d::Zero();
+  Matrix6d row;
+  auto block = blocks.begin();
+  for (const Voice* const a : voices) {
+    if (!a->of_map) continue;
+    row.setZero();
+    for (const Voice* const b : voices) {
+      if (b == a) break;
+      if (!b->of_map) continue;
+      const Matrix6d& shared = **block++;  // rows of the smaller id
+      if (b->id() < a->id()) {
+        row.noalias() += b->gain * shared;
+      } else {
+        row.noalias() += b->gain * shared.transpose();
+      }
+    }
+    const Matrix6d half_of_own = 0.5 * **block++;
+    row.noalias() += a->gain * half_of_own;
+    X.noalias() += row * a->gain.transpose();
+  }
+  return Matrix6d(X + X.transpose());
 }
 
 }  // namespace
@@ -68,8 +91,8 @@ std::optional<WorldCovariance> worldCovariance(const PoseSolution& solution,
                                                std::span<const KnownMarker> markers,
                                                const MapMarginals& marginals,
                                                const PlaceDoubt& otherwise) {
-  StackArena<16384> arena;
-  Voices voices(arena.get());
+  StackArena<24576> arena;
+  std::pmr::vector<Voice> voices(arena.get());
   voices.reserve(markers.size());
   Matrix6d H = Matrix6d::Zero();
   Matrix6d noise = Matrix6d::Zero();
@@ -79,13 +102,14 @@ std::optional<WorldCovariance> worldCovariance(const PoseSolution& solution,
     const auto information = markerInformation(marker.T_w_m, marker.size_m, *marker.detection,
                                                solution.T_w_c, marker.covariance);
     if (!information) continue;
-    const Matrix6d T = rigidTransport(marker.T_w_m.p - solution.T_w_c.p);
+    const Eigen::Vector3d d_w = marker.T_w_m.p - solution.T_w_c.p;
     Voice& voice = voices.emplace_back();
     voice.marker = &marker;
-    voice.gain.noalias() = T.transpose() * information->weighted;
+    voice.gain = transposedTransport(d_w, information->weighted);
     voice.information = information->weighted.topLeftCorner<3, 3>().trace();
-    H.noalias() += voice.gain * T;
-    noise.noalias() += T.transpose() * information->noise * T;
+    H += transposedTransport<6>(d_w, voice.gain.transpose());
+    const Matrix6d TtN = transposedTransport(d_w, information->noise);
+    noise += transposedTransport<6>(d_w, TtN.transpose());
   }
   const auto H_inverse = inverseOf(H);
   if (!H_inverse) return std::nullopt;
@@ -95,8 +119,11 @@ std::optional<WorldCovariance> worldCovariance(const PoseSolution& solution,
   const auto atCamera = [&](const Matrix6d& spread) {
     return Matrix6d(*H_inverse * spread * *H_inverse);
   };
-  std::ranges::sort(voices, std::ranges::greater{}, &Voice::information);
-  if (const auto spread = spreadOfMap(&voices, marginals)) {
+  Voices in_order(arena.get());
+  in_order.reserve(voices.size());
+  for (Voice& voice : voices) in_order.push_back(&voice);
+  std::ranges::sort(in_order, std::ranges::greater{}, &Voice::information);
+  if (const auto spread = spreadOfMap(in_order, marginals, arena.get())) {
     result.doubt = PlaceDoubt{solution.T_w_c.p, atCamera(*spread)};
     result.covariance = result.doubt->covariance;
   } else {

@@ -23,4 +23,16 @@ inline void subtractProduct(const Matrix6d& A, const Matrix6d& B, Matrix6d* C) {
   }
 }
 
+// K^T X with K = [I, -skew(d); 0, I]: what (dp, dtheta) of a rigid body at one of its points is at
+// another one, d further on (rigidTransport). For symmetric X, the transpose of X K.
+template <int Columns>
+[[nodiscard]] Eigen::Matrix<double, 6, Columns> transposedTransport(
+    const Eigen::Vector3d& d, const Eigen::Matrix<double, 6, Columns>& X) {
+  Eigen::Matrix<double, 6, Columns> result = X;
+  for (int j = 0; j < Columns; ++j) {
+    result.template block<3, 1>(3, j) += d.cross(X.template block<3, 1>(0, j));
+  }
+  return result;
+}
+
 }  // namespace waymark::slam

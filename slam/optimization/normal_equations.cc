@@ -9,6 +9,7 @@
 
 #include "slam/geometry/robust.h"
 #include "slam/geometry/turned_covariance.h"
+#include "slam/optimization/block_kernels.h"
 
 namespace waymark::slam {
 namespace {
@@ -122,34 +123,22 @@ bool differentiate(const BundleProblem& problem, std::size_t o, const WhitenedCo
   return true;
 }
 
-// By the camera's pose: J_camera = -J_marker K with K = [I, -skew(d); 0, I], where d is from the
-// camera to the marker. Returns K^T X.
-template <int Columns>
-Eigen::Matrix<double, 6, Columns> transposedTimes(const Eigen::Vector3d& d,
-                                                  const Eigen::Matrix<double, 6, Columns>& X) {
-  Eigen::Matrix<double, 6, Columns> result = X;
-  for (int j = 0; j < Columns; ++j) {
-    result.template block<3, 1>(3, j) += d.cross(X.template block<3, 1>(0, j));
-  }
-  return result;
-}
-
 // To the marker of a tie, from its camera.
 Eigen::Vector3d fromCamera(const BundleProblem& problem, const BundleProblem::Tie& tie) {
   return problem.markers[at(tie.marker)].T.p - problem.cameras[at(tie.camera)].T.p;
 }
 
 // What a tie says of its marker, the camera held: H, and the gradient g. Of the camera it says the
-// same the other way round.
+// same the other way round: J_camera = -J_marker K, with the K of transposedTransport.
 void addTie(const BundleProblem& problem, std::size_t index, const Matrix6d& H, const Vector6d& g,
             NormalEquations* equations) {
   const BundleProblem::Tie tie = problem.tie(index);
   const Eigen::Vector3d d = fromCamera(problem, tie);
-  const Matrix6d KtH = transposedTimes<6>(d, H);
+  const Matrix6d KtH = transposedTransport<6>(d, H);
   equations->H_marker[at(tie.marker)] += H;
   equations->g_marker[at(tie.marker)] += g;
-  equations->H_camera[at(tie.camera)] += transposedTimes<6>(d, KtH.transpose());
-  equations->g_camera[at(tie.camera)] -= transposedTimes<1>(d, g);
+  equations->H_camera[at(tie.camera)] += transposedTransport<6>(d, KtH.transpose());
+  equations->g_camera[at(tie.camera)] -= transposedTransport<1>(d, g);
   equations->H_cross[index] = -KtH;
 }
 
@@ -169,7 +158,7 @@ void accumulate(const BundleProblem& problem, std::size_t o, const ObservationTe
   const PoseGlobalMatrix G = term.J_marker.transpose() * term.J_global;
   equations->H_marker_global[at(tie.marker)] += G;
   equations->H_camera_global[at(tie.camera)] -=
-      transposedTimes<BundleProblem::kGlobals>(fromCamera(problem, tie), G);
+      transposedTransport<BundleProblem::kGlobals>(fromCamera(problem, tie), G);
   equations->H_global.noalias() += term.J_global.transpose() * term.J_global;
   equations->g_global.noalias() += term.J_global.transpose() * term.residual;
 }

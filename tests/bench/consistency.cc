@@ -30,7 +30,9 @@ struct Arguments {
   std::uint64_t seed = 1;
   double sigma_px = 0.1;
   double duration_s = 0.0;  // 0: the scene's
-  bool images = false;      // rendered and detected, instead of corners of known noise
+  // What a frame may spend on the map's covariance, units; 0: none is kept.
+  double covariance_cost = slam::MapCovarianceOptions{}.cost_per_frame;
+  bool images = false;  // rendered and detected, instead of corners of known noise
 };
 
 // A scene of the simulator, or walls with what can go wrong there, as scripts/evaluate has it.
@@ -148,6 +150,8 @@ Status runOnce(const Arguments& arguments, std::uint64_t seed, SceneReport* repo
   const slam::CameraModel camera(simulation.camera());
   slam::Options options;
   options.markers.size_m = simulation.markers().front().size_m;
+  options.covariance.enabled = arguments.covariance_cost > 0.0;
+  options.covariance.cost_per_frame = arguments.covariance_cost;
   slam::Slam slam(camera, *slam::Dictionary::byName(asked.dictionary), options);
   Source source(simulation, camera, arguments, seed);
 
@@ -251,6 +255,10 @@ int main(int argc, char** argv) {
   app.add_option("--sigma", arguments.sigma_px, "Noise of the corners, pixels")
       ->capture_default_str()
       ->check(CLI::PositiveNumber);
+  app.add_option("--covariance-cost", arguments.covariance_cost,
+                 "What a frame may spend on the map's covariance, units; 0: none is kept")
+      ->capture_default_str()
+      ->check(CLI::NonNegativeNumber);
   app.add_flag("--images", arguments.images, "Rendered images instead of corners");
   app.add_option("--duration", arguments.duration_s, "Seconds; without it the scene's")
       ->check(CLI::PositiveNumber);
