@@ -28,8 +28,9 @@ bool MapCovariance::work(double residual_sigma, Map* map) {
   if (!recovery_) {
     if (!std::exchange(due_, false)) return false;
     epoch_ = map->epoch();
-    recovery_.emplace(
-        [&](Budget* budget) { return recoverMarginals(*map, markers_, residual_sigma, budget); });
+    recovery_.emplace([&](Budget* budget) {
+      return recoverMarginals(*map, markers_, residual_sigma, budget, &kept_);
+    });
   }
   if (!recovery_->advance(options_.cost_per_frame)) return false;
   MapMarginals marginals = recovery_->take();
@@ -43,7 +44,7 @@ void MapCovariance::recover(double residual_sigma, Map* map) {
   recovery_.reset();
   due_ = false;
   adopt(runToCompletion([&](Budget* budget) {
-          return recoverMarginals(*map, markers_, residual_sigma, budget);
+          return recoverMarginals(*map, markers_, residual_sigma, budget, &kept_);
         }),
         map);
 }

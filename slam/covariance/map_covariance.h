@@ -8,6 +8,7 @@
 #include <string>
 
 #include "base/task.h"
+#include "slam/covariance/keyframe_information.h"
 #include "slam/covariance/marginals.h"
 #include "slam/covariance/world_covariance.h"
 #include "slam/map/map.h"
@@ -71,6 +72,7 @@ class MapCovariance {
   PlaceDoubt doubt_;
   bool due_ = false;
   std::uint64_t epoch_ = 0;  // of the map when the recovery under way began
+  KeptInformation kept_;     // from one recovery to the next
   std::optional<SlicedTask<MapMarginals>> recovery_;
 };
 

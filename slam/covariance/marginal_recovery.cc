@@ -1,22 +1,18 @@
 #include "slam/covariance/marginal_recovery.h"
 
 #include <algorithm>
+#include <limits>
+#include <memory>
 #include <optional>
 #include <utility>
 #include <vector>
 
-#include <Eigen/LU>
+#include <Eigen/Core>
 
 #include "base/sorted.h"
-#include "slam/covariance/corner_sums.h"
-#include "slam/geometry/reprojection.h"
-#include "slam/geometry/robust.h"
-#include "slam/geometry/small_cholesky.h"
 #include "slam/geometry/turned_covariance.h"
 #include "slam/map/world_reference.h"
-#include "slam/optimization/block_kernels.h"
 #include "slam/optimization/block_system.h"
-#include "slam/optimization/bundle_adjuster.h"
 
 namespace waymark::slam {
 namespace {
@@ -24,8 +20,10 @@ namespace {
 // What steps cost, in microseconds of a core of 3 GHz.
 constexpr double kFindMarker = 0.1;
 constexpr double kNotePair = 0.01;
+constexpr double kLookAtKept = 0.03;  // a marker of it
 constexpr double kLinearizeView = 0.6;
 constexpr double kBlockProduct = 0.06;
+constexpr double kAddBlock = 0.025;
 constexpr double kTakeBlock = 0.15;
 
 // Where nothing else says where a marker is, this does: standard deviations so large that they
@@ -36,13 +34,17 @@ constexpr double kUnknown_rad = 10.0;
 // The keyframe and the unknown markers it sees: what the elimination's pattern was made for.
 struct PatternKeyframe {
   KeyframeId id = -1;
-  bool held = false;
-  std::vector<int> seen;  // poses of the system, ascending
+  std::vector<int> seen;                         // poses of the system, ascending
+  const KeyframeInformation* kept = nullptr;     // from an earlier recovery,
+  std::unique_ptr<KeyframeInformation> begun{};  // or to be linearized
 };
 
 struct Pattern {
-  std::vector<int> unknown;  // ids, ascending: the poses of the system
-  std::vector<int> given;    // ids: fixed, or seen by nobody
+  std::vector<int> unknown;               // ids, ascending: the poses of the system
+  std::vector<LinearizedMarker> markers;  // by pose of the system
+  std::vector<int> given;                 // ids: fixed, or seen by nobody
+  std::optional<int> origin;              // the marker that is fixed, where it has a pose
+  LinearizedMarker of_origin;
   std::vector<PatternKeyframe> keyframes;
 
   // -1 for a marker that is no unknown.
@@ -50,110 +52,89 @@ struct Pattern {
     const auto found = std::ranges::lower_bound(unknown, id);
     return found == unknown.end() || *found != id ? -1 : static_cast<int>(found - unknown.begin());
   }
+  [[nodiscard]] const LinearizedMarker* find(int id) const {
+    if (origin == id) return &of_origin;
+    const int pose = poseOf(id);
+    return pose < 0 ? nullptr : &markers[static_cast<std::size_t>(pose)];
+  }
 };
 
-Pattern startPattern(const Map& map, const MarkerOptions& markers) {
+Task<Pattern> startPattern(const Map& map, const MarkerOptions& markers,
+                           LinearizationPoints* points, Budget* budget) {
   Pattern pattern;
-  for (const auto& [id, marker] : map.markers()) {
-    if (!marker.T_w_m) continue;
-    const bool nobody_says = map.viewsOf(id).empty() && map.linkedFrom(id).empty();
-    const bool fixed = markers.origin_marker == id || nobody_says;
-    (fixed ? pattern.given : pattern.unknown).push_back(id);
+  for (auto it = map.markers().begin(); it != map.markers().end();) {
+    const auto& [id, marker] = *it;
+    if (marker.T_w_m) {
+      const bool fixed = markers.origin_marker == id;
+      const bool nobody_says = map.viewsOf(id).empty() && map.linkedFrom(id).empty();
+      const bool given = fixed || nobody_says;
+      (given ? pattern.given : pattern.unknown).push_back(id);
+      const LinearizedMarker linearized{points->follow(id, *marker.T_w_m, marker.size_m), fixed};
+      if (!given) pattern.markers.push_back(linearized);
+      if (fixed) {
+        pattern.origin = id;
+        pattern.of_origin = linearized;
+      }
+    }
+    const int seen = id;
+    co_await budget->spend(kFindMarker);
+    it = map.markers().upper_bound(seen);
   }
-  return pattern;
+  co_return pattern;
 }
 
-// What is known of a marker's place but from the keyframes. variance: that of the residuals, in
-// whose units the system is.
-void addPriors(int id, const Transform& T_w_m, const MarkerOptions& markers, double variance,
-               int position, BlockSystem* system) {
-  system->diagonal(position) += variance * independentInformation(kUnknown_m, kUnknown_rad);
+// What is kept of it, or a start.
+PatternKeyframe lookAt(const Keyframe& keyframe, bool held, double residual_sigma,
+                       const Pattern& pattern, const KeptInformation& kept) {
+  PatternKeyframe result;
+  result.id = keyframe.id;
+  const MarkerLookup lookup = [&](int id) { return pattern.find(id); };
+  result.kept = kept.find(keyframe.id);
+  if (result.kept != nullptr && !isAsBefore(*result.kept, keyframe, held, residual_sigma, lookup)) {
+    result.kept = nullptr;
+  }
+  if (result.kept == nullptr) {
+    result.begun = std::make_unique<KeyframeInformation>(
+        beginInformation(keyframe, held, residual_sigma, lookup));
+  }
+  const KeyframeInformation& named = result.kept != nullptr ? *result.kept : *result.begun;
+  for (const int id : named.unknown) result.seen.push_back(pattern.poseOf(id));
+  return result;
+}
+
+// What is known of a marker's place but from the keyframes. moved: from the point about which the
+// system is linear to where the marker is. variance: that of the residuals, in whose units the
+// system is.
+void addPriors(int id, const Transform& point, const Vector6d& moved, const MarkerOptions& markers,
+               double variance, int position, BlockSystem* system) {
+  const Matrix6d hardly_known = variance * independentInformation(kUnknown_m, kUnknown_rad);
+  system->diagonal(position) += hardly_known;
+  system->right(position) += hardly_known * moved;
   for (const Anchor& anchor : markers.anchors) {
     if (anchor.id != id) continue;
     const Matrix6d information =
         variance * independentInformation(anchor.sigma_m, anchor.sigma_rad);
     system->diagonal(position) += information;
-    system->right(position) += information * T_w_m.localCoordinates(anchor.T_w_m);
+    system->right(position) += information * point.localCoordinates(anchor.T_w_m);
   }
 }
 
-// A keyframe's view of a marker.
-struct LinearizedView {
-  int position = 0;                         // in the system; less than 0 for a marker that is fixed
-  Matrix6d information = Matrix6d::Zero();  // A: of the marker, the camera held
-  Vector6d gradient = Vector6d::Zero();     // g = J^T W r: of half the squared residuals
-  Eigen::Vector3d d_w = Eigen::Vector3d::Zero();  // from the camera to the marker, metres
-};
-
-// False when a corner is behind the camera. Corners beyond `huber` pull as in the optimizations.
-bool linearize(const Transform& T_w_m, double size_m, const MarkerDetection& detection,
-               const Transform& T_w_c, double huber, LinearizedView* view) {
-  const auto corners_m = markerCorners(size_m);
-  for (std::size_t k = 0; k < 4; ++k) {
-    const Eigen::Vector3d arm = T_w_m.R.leftCols<2>() * corners_m[k].head<2>();
-    Projection projection;
-    if (!projectPoint(T_w_c, T_w_m.p + arm, &projection)) return false;
-    const Eigen::Matrix2d W = detection.covariance[k].inverse();
-    const Eigen::Vector2d r = projection.normalized - detection.normalized[k];
-    const Eigen::Vector2d Wr = W * r;
-    addSquare(projection.J_point, arm, W, &view->information);
-    view->gradient +=
-        huberWeight(r.dot(Wr), huber) * transposedJacobianTimes(projection.J_point, arm, Wr);
-  }
-  mirror(&view->information);
-  view->d_w = T_w_m.p - T_w_c.p;
-  return true;
-}
-
-// The same of a marker that was carried to the keyframe. variance: as in addPriors().
-LinearizedView linearizeLink(const Transform& T_w_m, const MarkerLink& link, const Transform& T_w_c,
-                             double variance) {
-  LinearizedView view;
-  view.information = variance * turnedCovariance(T_w_c.R, link.covariance.inverse());
-  view.gradient = view.information * (T_w_c * link.T_c_m).localCoordinates(T_w_m);
-  view.d_w = T_w_m.p - T_w_c.p;
-  return view;
-}
-
-std::vector<int> markersOf(const Keyframe& keyframe) {
-  std::vector<int> ids;
-  keyframe.forEachMarker([&](int id) { ids.push_back(id); });
-  sortUnique(&ids);
-  return ids;
-}
-
-// What the keyframe says of its markers when nobody knows where it was itself: A_i where i = j,
-// less A_i T_i C^-1 T_j^T A_j, C = sum T_i^T A_i T_i; and on the right side less g_i, and
-// A_i T_i C^-1 sum T_j^T g_j. (Moving the camera is moving all it sees the other way: the camera's
-// Jacobian is that of the marker times -T, T = rigidTransport(d).)
-void addKeyframe(std::vector<LinearizedView>* views, bool held, std::vector<Matrix6d>* scratch,
+// seen: the poses of the system that the information is of, in its order.
+void addKeyframe(const KeyframeInformation& information, const std::vector<int>& seen,
                  BlockSystem* system) {
-  std::ranges::sort(*views, {}, &LinearizedView::position);
-  for (const LinearizedView& view : *views) {
-    if (view.position < 0) continue;
-    system->diagonal(view.position) += view.information;
-    system->right(view.position) -= view.gradient;
-  }
-  if (held) return;
-  Matrix6d C = Matrix6d::Zero();
-  Vector6d pull = Vector6d::Zero();
-  std::vector<Matrix6d>& Y = *scratch;  // A_i T_i, later times L^-T
-  Y.resize(views->size());
-  for (std::size_t i = 0; i < views->size(); ++i) {
-    const LinearizedView& view = (*views)[i];
-    Y[i] = transposedTransport(view.d_w, view.information).transpose();
-    C += transposedTransport(view.d_w, Y[i]);
-    pull += transposedTransport(view.d_w, view.gradient);
-  }
-  if (!factorizeCholesky(&C)) return;
-  solveLower(C, &pull);
-  for (Matrix6d& Y_i : Y) divideByTransposed(C, &Y_i);
-  for (std::size_t j = 0; j < views->size(); ++j) {
-    if ((*views)[j].position < 0) continue;  // the fixed ones come first
-    system->right((*views)[j].position).noalias() += Y[j] * pull;
-    for (std::size_t i = j; i < views->size(); ++i) {
-      const auto place = system->place((*views)[i].position, (*views)[j].position);
-      subtractProduct(Y[i], Y[j], &system->block(place));
+  auto block = information.blocks.begin();
+  for (std::size_t j = 0; j < seen.size(); ++j) {
+    const int column = system->positionOf(seen[j]);
+    system->right(column) += information.right[j];
+    system->diagonal(column) += *block++;
+    for (std::size_t i = j + 1; i < seen.size(); ++i) {
+      const int row = system->positionOf(seen[i]);
+      Matrix6d& sum = system->block(system->place(std::max(row, column), std::min(row, column)));
+      if (row > column) {
+        sum += *block++;
+      } else {
+        sum += (block++)->transpose();
+      }
     }
   }
 }
@@ -161,71 +142,59 @@ void addKeyframe(std::vector<LinearizedView>* views, bool held, std::vector<Matr
 }  // namespace
 
 Task<MapMarginals> recoverMarginals(const Map& map, const MarkerOptions& markers,
-                                    double residual_sigma, Budget* budget) {
-  Pattern pattern = startPattern(map, markers);
+                                    double residual_sigma, Budget* budget, KeptInformation* kept) {
+  KeptInformation nothing(0);
+  if (kept == nullptr) kept = &nothing;
+  Pattern pattern = co_await startPattern(map, markers, &kept->points(), budget);
   const bool first_is_world = firstKeyframeIsWorld(map, markers);
   std::vector<std::vector<int>> neighbours(pattern.unknown.size());
+  KeyframeId next = 0;
   for (auto it = map.keyframes().begin(); it != map.keyframes().end();) {
     const KeyframeId id = it->first;
-    PatternKeyframe keyframe{id, first_is_world && it == map.keyframes().begin(), {}};
-    for (const int marker : markersOf(it->second)) {
-      const int pose = pattern.poseOf(marker);
-      if (pose < 0) continue;
-      auto& before = neighbours[static_cast<std::size_t>(pose)];
-      before.insert(before.end(), keyframe.seen.begin(), keyframe.seen.end());
-      keyframe.seen.push_back(pose);
+    kept->forgetBetween(next, id);
+    next = id + 1;
+    const bool held = first_is_world && it == map.keyframes().begin();
+    PatternKeyframe keyframe = lookAt(it->second, held, residual_sigma, pattern, *kept);
+    for (std::size_t i = 0; i < keyframe.seen.size(); ++i) {
+      auto& before = neighbours[static_cast<std::size_t>(keyframe.seen[i])];
+      before.insert(before.end(), keyframe.seen.begin(),
+                    keyframe.seen.begin() + static_cast<std::ptrdiff_t>(i));
     }
     const auto n = static_cast<double>(keyframe.seen.size());
+    const double look = keyframe.kept != nullptr ? kLookAtKept : kFindMarker;
     if (!keyframe.seen.empty()) pattern.keyframes.push_back(std::move(keyframe));
-    co_await budget->spend(n * (kFindMarker + kNotePair * n));
+    co_await budget->spend(n * (look + kNotePair * n));
     it = map.keyframes().upper_bound(id);
   }
+  kept->forgetBetween(next, std::numeric_limits<KeyframeId>::max());
   for (auto& of_one : neighbours) sortUnique(&of_one);
   const std::vector<std::vector<int>> pairs = neighbours;  // by pose: those before it
 
   BlockSystem system;
   (void)co_await system.arrange(std::move(neighbours), /*with_globals=*/false, budget);
-  const double huber = BundleOptions{}.huber * residual_sigma;  // as in the optimizations
-  const double variance = residual_sigma * residual_sigma;
-  std::vector<LinearizedView> views;
-  std::vector<Matrix6d> scratch;
-  for (const PatternKeyframe& known : pattern.keyframes) {
+  const MarkerLookup lookup = [&](int id) { return pattern.find(id); };
+  for (PatternKeyframe& known : pattern.keyframes) {
     const auto n = static_cast<double>(known.seen.size());
-    co_await budget->spend(kLinearizeView * n + kBlockProduct * n * (n + 1.0));
-    const auto found = map.keyframes().find(known.id);
-    if (found == map.keyframes().end()) continue;  // has been let go meanwhile
-    views.clear();
-    // -1 for one that is fixed; empty for one that the pattern does not have there.
-    const auto positionOf = [&](int marker) -> std::optional<int> {
-      if (markers.origin_marker == marker) return -1;
-      const int pose = pattern.poseOf(marker);
-      if (!std::ranges::binary_search(known.seen, pose)) return std::nullopt;
-      return system.positionOf(pose);
-    };
-    for (const MarkerDetection& detection : found->second.detections) {
-      const MapMarker* const marker = map.findPosed(detection.id);
-      const auto position = positionOf(detection.id);
-      if (marker == nullptr || !position) continue;
-      LinearizedView view;
-      view.position = *position;
-      if (linearize(*marker->T_w_m, marker->size_m, detection, found->second.T_w_c, huber, &view)) {
-        views.push_back(view);
-      }
+    co_await budget->spend(0.5 * kAddBlock * n * (n + 1.0));
+    if (known.kept == nullptr) {
+      co_await budget->spend(kLinearizeView * n + kBlockProduct * n * (n + 1.0));
+      const auto found = map.keyframes().find(known.id);
+      if (found == map.keyframes().end()) continue;  // has been let go meanwhile
+      linearize(map, found->second, lookup, known.begun.get());
+      known.kept = kept->keep(known.id, known.begun.get());
     }
-    for (const MarkerLink& link : found->second.links) {
-      const MapMarker* const marker = map.findPosed(link.marker);
-      const auto position = positionOf(link.marker);
-      if (marker == nullptr || !position || found->second.find(link.marker) != nullptr) continue;
-      views.push_back(linearizeLink(*marker->T_w_m, link, found->second.T_w_c, variance));
-      views.back().position = *position;
-    }
-    addKeyframe(&views, known.held, &scratch, &system);
+    addKeyframe(known.kept != nullptr ? *known.kept : *known.begun, known.seen, &system);
+    known.begun.reset();
   }
+  const double variance = residual_sigma * residual_sigma;
+  std::vector<Vector6d> moved(pattern.unknown.size(), Vector6d::Zero());
   for (std::size_t i = 0; i < pattern.unknown.size(); ++i) {
     const int id = pattern.unknown[i];
     const MapMarker* const marker = map.findPosed(id);
-    const Transform T_w_m = marker == nullptr ? Transform{} : *marker->T_w_m;
-    addPriors(id, T_w_m, markers, variance, system.positionOf(static_cast<int>(i)), &system);
+    const Transform& point = pattern.markers[i].point.T_w_m;
+    if (marker != nullptr) moved[i] = point.localCoordinates(*marker->T_w_m);
+    addPriors(id, point, moved[i], markers, variance, system.positionOf(static_cast<int>(i)),
+              &system);
   }
 
   MapMarginals marginals;
@@ -239,7 +208,8 @@ Task<MapMarginals> recoverMarginals(const Map& map, const MarkerOptions& markers
   (void)co_await system.invert(budget);
   for (std::size_t a = 0; a < pattern.unknown.size(); ++a) {
     const int row = system.positionOf(static_cast<int>(a));
-    const Vector6d& step = system.right(row);
+    Vector6d& step = system.right(row);
+    step -= moved[a];  // from where the marker is, no longer from its point
     marginals.set(pattern.unknown[a], variance * system.diagonal(row) + step * step.transpose());
   }
   for (std::size_t b = 0; b < pairs.size(); ++b) {

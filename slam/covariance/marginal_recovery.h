@@ -11,6 +11,7 @@
 #pragma once
 
 #include "base/task.h"
+#include "slam/covariance/keyframe_information.h"
 #include "slam/covariance/marginals.h"
 #include "slam/map/map.h"
 #include "slam/map/marker_options.h"
@@ -20,8 +21,10 @@ namespace waymark::slam {
 // residual_sigma: standard deviation of the map's whitened residuals; covariances grow with its
 // square. Markers that no keyframe sees together with others (an imported map) have the covariance
 // that the map gives them. The map may grow meanwhile; it must outlive the task. Should the system
-// be singular, the result is empty.
+// be singular, the result is empty. kept: what earlier recoveries have linearized, used where
+// nothing has changed since, and brought up to date; it must outlive the task, too.
 Task<MapMarginals> recoverMarginals(const Map& map, const MarkerOptions& markers,
-                                    double residual_sigma, Budget* budget);
+                                    double residual_sigma, Budget* budget,
+                                    KeptInformation* kept = nullptr);
 
 }  // namespace waymark::slam

@@ -230,6 +230,168 @@ TEST_F(MarginalRecoveryTest, LinksCount) {
   EXPECT_LT(recovered().find(far)->trace(), 0.9 * without.find(far)->trace()) << "it closes a loop";
 }
 
+// Recoveries that keep what they have linearized, and one that does not.
+class KeptInformationTest : public MarginalRecoveryTest {
+ protected:
+  MapMarginals recoveredWithKept(double residual_sigma = 1.0) {
+    return runToCompletion(
+        [&](Budget* a) { return recoverMarginals(map_, options_, residual_sigma, a, &kept_); });
+  }
+
+  // Of a recovery: how many keyframes it linearizes.
+  std::size_t linearizedNow(double residual_sigma = 1.0) {
+    const std::size_t before = kept_.kept();
+    (void)recoveredWithKept(residual_sigma);
+    return kept_.kept() - before;
+  }
+
+  void expectAsWithoutKept(double relative_tolerance) {
+    const MapMarginals with = recoveredWithKept();
+    const MapMarginals without = recovered();
+    ASSERT_EQ(with.markers().size(), without.markers().size());
+    for (const auto& [a, covariance] : without.markers()) {
+      for (const auto& [b, other] : without.markers()) {
+        const auto expected = without.between(a, b);
+        const auto block = with.between(a, b);
+        ASSERT_EQ(block.has_value(), expected.has_value()) << a << " and " << b;
+        if (!block) continue;
+        const double size = std::sqrt(covariance.norm() * other.norm());
+        EXPECT_LE((*block - *expected).norm(), relative_tolerance * size) << a << " and " << b;
+      }
+    }
+  }
+
+  // One in the middle, and a marker that it sees.
+  [[nodiscard]] KeyframeId someKeyframe() const { return 12; }
+  [[nodiscard]] int someMarker() const {
+    return map_.keyframes().at(someKeyframe()).detections.front().id;
+  }
+  void displace(int marker, double by_m) {
+    Transform T_w_m = *map_.find(marker)->T_w_m;
+    T_w_m.p.x() += by_m;
+    map_.place(marker, T_w_m);
+  }
+
+  KeptInformation kept_;
+};
+
+TEST_F(KeptInformationTest, WhereNothingChangesNothingIsLinearizedAnew) {
+  EXPECT_EQ(linearizedNow(), map_.keyframes().size());
+  EXPECT_EQ(linearizedNow(), 0U);
+  expectAsWithoutKept(1e-9);
+}
+
+TEST_F(KeptInformationTest, AnotherKeyframeIsAddedToWhatIsKept) {
+  (void)recoveredWithKept();
+  Keyframe another = map_.keyframes().at(someKeyframe());
+  another.id = -1;
+  (void)map_.addKeyframe(another);
+  EXPECT_EQ(linearizedNow(), 1U);
+  expectAsWithoutKept(1e-9);
+}
+
+TEST_F(KeptInformationTest, AKeyframeThatIsGoneSaysNothing) {
+  (void)recoveredWithKept();
+  const std::size_t bytes = kept_.bytes();
+  map_.removeKeyframe(someKeyframe());
+  EXPECT_EQ(linearizedNow(), 0U);
+  EXPECT_EQ(kept_.size(), map_.keyframes().size());
+  EXPECT_LT(kept_.bytes(), bytes);
+  expectAsWithoutKept(1e-9);
+}
+
+// The next one holds the world then.
+TEST_F(KeptInformationTest, TheFirstKeyframesSuccessorIsLinearizedAnew) {
+  (void)recoveredWithKept();
+  map_.removeKeyframe(map_.keyframes().begin()->first);
+  EXPECT_EQ(linearizedNow(), 1U);
+  expectAsWithoutKept(1e-9);
+}
+
+TEST_F(KeptInformationTest, AKeyframeThatMovesIsLinearizedAnew) {
+  (void)recoveredWithKept();
+  Transform T_w_c = map_.keyframes().at(someKeyframe()).T_w_c;
+  T_w_c.p.y() += 1.1 * kStillLinear_sides * kSize_m;
+  map_.setKeyframePose(someKeyframe(), T_w_c);
+  EXPECT_EQ(linearizedNow(), 1U);
+  Vector6d turn = Vector6d::Zero();
+  turn[4] = 1.1 * kStillLinear_rad;
+  map_.setKeyframePose(someKeyframe(), T_w_c.retract(turn));
+  EXPECT_EQ(linearizedNow(), 1U);
+  expectAsWithoutKept(1e-9);
+}
+
+TEST_F(KeptInformationTest, AllThatSeeAMarkerThatMovesAreLinearizedAnew) {
+  (void)recoveredWithKept();
+  displace(someMarker(), 1.1 * kStillLinear_sides * kSize_m);
+  EXPECT_EQ(linearizedNow(), map_.viewsOf(someMarker()).size());
+  expectAsWithoutKept(1e-9);
+}
+
+TEST_F(KeptInformationTest, AMarkerWithoutAPoseIsNoUnknownAnyMore) {
+  (void)recoveredWithKept();
+  map_.quarantine(someMarker());
+  EXPECT_EQ(linearizedNow(), map_.viewsOf(someMarker()).size());
+  expectAsWithoutKept(1e-9);
+}
+
+TEST_F(KeptInformationTest, ADifferentObservationIsLinearizedAnew) {
+  (void)recoveredWithKept();
+  testing::displaceView(someKeyframe(), someMarker(), 1e-4, &map_);
+  EXPECT_EQ(linearizedNow(), 1U);
+  expectAsWithoutKept(1e-9);
+}
+
+TEST_F(KeptInformationTest, ADifferentLinkIsLinearizedAnew) {
+  (void)recoveredWithKept();
+  const Keyframe& last = map_.keyframes().rbegin()->second;
+  MarkerLink link{1, last.T_w_c.inverse() * *map_.find(1)->T_w_m, 1e-6 * Matrix6d::Identity()};
+  map_.addLink(last.id, link);
+  EXPECT_EQ(linearizedNow(), 1U);
+  link.covariance *= 2.0;
+  map_.addLink(last.id, link);
+  EXPECT_EQ(linearizedNow(), 1U);
+  link.T_c_m.p.x() += 1e-3;
+  map_.addLink(last.id, link);
+  EXPECT_EQ(linearizedNow(), 1U);
+  expectAsWithoutKept(1e-9);
+  map_.removeLinksTo(1);
+  EXPECT_EQ(linearizedNow(), 1U);
+  expectAsWithoutKept(1e-9);
+}
+
+TEST_F(KeptInformationTest, AnotherSigmaIsLinearizedAnew) {
+  (void)recoveredWithKept();
+  EXPECT_EQ(linearizedNow(1.0 + 0.9 * kSameSigma), 0U);
+  EXPECT_EQ(linearizedNow(1.0 + 1.5 * kSameSigma), map_.keyframes().size());
+}
+
+// Within the bounds nothing is linearized anew, and yet how far the map is from its best counts
+// from where it is now: all of the move goes into what is told of the marker beside its neighbour.
+TEST_F(KeptInformationTest, SmallMovesAreCarriedToFirstOrder) {
+  optimize();
+  const int neighbour = map_.keyframes().at(someKeyframe()).detections[1].id;
+  const auto apart_m2 = [&](const MapMarginals& m) {
+    return (*m.find(someMarker()))(0, 0) + (*m.find(neighbour))(0, 0) -
+           2.0 * (*m.between(someMarker(), neighbour))(0, 0);
+  };
+  const double before_m2 = apart_m2(recoveredWithKept());
+  const double move_m = 0.9 * kStillLinear_sides * kSize_m;
+  displace(someMarker(), move_m);
+  EXPECT_EQ(linearizedNow(), 0U);
+  EXPECT_NEAR(apart_m2(recoveredWithKept()) - before_m2, move_m * move_m, 0.02 * move_m * move_m);
+}
+
+TEST_F(KeptInformationTest, WithoutRoomItIsTheSame) {
+  (void)recoveredWithKept();
+  const std::size_t all = kept_.bytes();
+  kept_ = KeptInformation(all / 2);
+  expectAsWithoutKept(1e-9);
+  EXPECT_LE(kept_.bytes(), all / 2);
+  EXPECT_GT(kept_.size(), 0U);
+  expectAsWithoutKept(1e-9);
+}
+
 // Two markers that no keyframe sees together: the second one's error in the world is that of the
 // link, and what its views leave open.
 TEST(LinkedMarkers, AreAsUncertainAsTheirLink) {
