@@ -22,7 +22,7 @@ struct MapCovarianceOptions {
   bool enabled = true;
   // What a frame may spend on the marginals, in the units of Options::work_per_frame. More follows
   // a growing map sooner; new markers hang rigidly on known ones until then.
-  double cost_per_frame = 30.0;
+  double cost_per_frame = 15.0;
 
   // Empty when usable, else what is wrong.
   [[nodiscard]] std::string invalidReason() const;
