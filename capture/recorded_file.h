@@ -18,6 +18,7 @@ struct RecordedFile {
   static constexpr const char* kConfiguration = "configuration";
   static constexpr const char* kCalibration = "calibration";
   static constexpr const char* kMap = "map";
+  static constexpr const char* kNatural = "natural";  // natural markers, io/pictures/print_file.h
 
   std::string purpose;  // one of the above
   std::string name;     // as people know it

@@ -30,7 +30,7 @@ io::ValidationError validateUrl(const std::string& url) {
   return wrongUrlOption(url);
 }
 
-// LCM allows 63 characters for a channel; the longest name after the prefix is "DETECTIONS".
+// LCM allows 63 characters for a channel; the longest name after the prefix is "NATURAL_MAP".
 io::ValidationError validateChannel(const std::string& name) {
   constexpr std::size_t kMax = 50;
   const auto plain = [](unsigned char c) { return c > ' ' && c < 127; };
@@ -51,6 +51,25 @@ io::Setting cpusSetting(const std::string& key, std::vector<int>& target) {
     }
     return {};
   });
+}
+
+io::Setting noting(bool& given, io::Setting setting) {
+  setting.read = [&given, read = std::move(setting.read)](const io::SettingValue& value) {
+    given = true;
+    return read(value);
+  };
+  return setting;
+}
+
+// One [[natural]].
+std::vector<io::Setting> naturalKeys(Configuration::NaturalMarker& marker) {
+  using namespace io;
+  return {required(textSetting("name", marker.name)),
+          required(pathSetting("image", marker.image)),
+          required(numberSetting("width_m", marker.width_m, 1e-3, 100.0, "m")),
+          numberSetting("height_m", marker.height_m, 1e-3, 100.0, "m"),
+          noting(marker.has_position, positionSetting("p_m", marker.T_w_m)),
+          noting(marker.has_orientation, orientationSetting("q_wxyz", marker.T_w_m))};
 }
 
 }  // namespace
@@ -80,6 +99,9 @@ std::vector<io::Setting> configurationKeys(Configuration& c) {
       pathSetting("camera.simulator.truth_dir", simulator.truth_dir),
       positionSetting("body.p_m", c.body.T_b_c),
       orientationSetting("body.q_wxyz", c.body.T_b_c),
+      sectionsSetting<Configuration::NaturalMarker>("natural", c.natural, naturalKeys),
+      pathSetting("relocalizer.markers", c.relocalizer.markers),
+      numberSetting("relocalizer.core_share", c.relocalizer.core_share, 0.01, 1.0, ""),
       integerSetting("queue.depth", c.queue.depth, 1, 64),
       integerSetting("realtime.capture_priority", c.realtime.capture.priority, 0, 99),
       integerSetting("realtime.slam_priority", c.realtime.slam.priority, 0, 99),
@@ -120,7 +142,7 @@ namespace {
 Status checkChannels(const Configuration& c, const fs::path& file) {
   const auto own = [&](const std::string& name) {
     return std::ranges::any_of(
-        std::array{"POSE", "DETECTIONS", "MAP", "HEALTH"},
+        std::array{"POSE", "DETECTIONS", "MAP", "HEALTH", "NATURAL", "NATURAL_MAP"},
         [&](const char* of) { return name == c.publish.channel_prefix + of; });
   };
   const auto taken = [&](const char* key, const std::string& name) {
@@ -132,6 +154,24 @@ Status checkChannels(const Configuration& c, const fs::path& file) {
   if (own(images) || images == c.publish.pose_channel ||
       images == capture::RecordedFile::kChannel) {
     return taken("record.image_channel", images);
+  }
+  return success();
+}
+
+Status checkNatural(const Configuration& c, const fs::path& file) {
+  if (c.natural.empty() && c.relocalizer.markers.empty()) return success();
+  if (!c.natural.empty() && !c.relocalizer.markers.empty()) {
+    return Error{file.string() +
+                 ": relocalizer.markers: [[natural]] has some already; one of the "
+                 "two"};
+  }
+  if (!c.slam.options.natural.enabled) {
+    return Error{file.string() + ": natural: needs slam.natural.enabled"};
+  }
+  for (const Configuration::NaturalMarker& marker : c.natural) {
+    if (marker.has_position == marker.has_orientation) continue;
+    return Error{file.string() + ": natural \"" + io::oneLine(marker.name) +
+                 "\": p_m and q_wxyz go together"};
   }
   return success();
 }
@@ -163,6 +203,7 @@ Status checkTogether(const Configuration& c, const fs::path& file) {
     return Error{file.string() + ": slam: " + reason};
   }
   if (Status channels = checkChannels(c, file); !channels) return channels;
+  if (Status natural = checkNatural(c, file); !natural) return natural;
   if (c.record.quota_mib > 0 && c.record.quota_mib < c.record.file_mib) {
     return Error{file.string() + ": record.quota_mib: smaller than one file (record.file_mib, " +
                  std::to_string(c.record.file_mib) + ")"};
@@ -184,6 +225,8 @@ void resolvePaths(const fs::path& file, Configuration& c) {
   };
   resolve(c.camera.calibration);
   resolve(c.camera.simulator.truth_dir);
+  for (Configuration::NaturalMarker& marker : c.natural) resolve(marker.image);
+  resolve(c.relocalizer.markers);
   resolve(c.record.directory);
   resolve(c.control.socket);
   resolve(c.slam.map.in);

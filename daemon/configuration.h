@@ -36,6 +36,23 @@ struct Configuration {
     Simulator simulator;
   };
 
+  // [[natural]]: a picture whose print is known.
+  struct NaturalMarker {
+    std::string name;
+    std::filesystem::path image;
+    double width_m = 0.0;
+    double height_m = 0.0;  // 0: from the image's shape
+    slam::Transform T_w_m;  // where both of these are given:
+    bool has_position = false;
+    bool has_orientation = false;
+  };
+
+  // The thread that looks for them.
+  struct Relocalizer {
+    std::filesystem::path markers;  // a file of natural markers, instead of [[natural]]
+    double core_share = 0.5;
+  };
+
   struct Queue {
     int depth = 4;  // frames
   };
@@ -83,6 +100,8 @@ struct Configuration {
   Camera camera;
   BodyMotion::Options body;  // T_b_c
   io::SlamSettings slam;
+  std::vector<NaturalMarker> natural;
+  Relocalizer relocalizer;
   Queue queue;
   RealTime realtime;
   Publish publish;

@@ -55,6 +55,40 @@ TEST(Configuration, TheMapAcrossRestarts) {
             "/etc/w.toml: slam.map_out: with localize_only nothing changes");
 }
 
+TEST(Configuration, NaturalMarkers) {
+  const std::string sign = "[[natural]]\nname = \"exit\"\nimage = \"exit.png\"\nwidth_m = 0.3\n";
+  const std::string place = "p_m = [2.0, 0.0, 1.5]\nq_wxyz = [0.0, 1.0, 0.0, 0.0]\n";
+  const std::string poster =
+      "[[natural]]\nname = \"poster\"\nimage = \"/p/poster.png\"\nwidth_m = 0.6\nheight_m = 0.8\n";
+  const auto c = parseConfiguration(
+      kCamera + kSlam + sign + place + poster + "[relocalizer]\ncore_share = 0.25\n",
+      "/etc/w.toml");
+  ASSERT_TRUE(c) << c.error().message;
+  ASSERT_EQ(c->natural.size(), 2U);
+  EXPECT_EQ(c->natural[0].name, "exit");
+  EXPECT_EQ(c->natural[0].image, "/etc/exit.png");
+  EXPECT_TRUE(c->natural[0].has_position && c->natural[0].has_orientation);
+  EXPECT_EQ(c->natural[0].T_w_m.p.z(), 1.5);
+  EXPECT_EQ(c->natural[1].image, "/p/poster.png");
+  EXPECT_EQ(c->natural[1].height_m, 0.8);
+  EXPECT_FALSE(c->natural[1].has_position);
+  EXPECT_EQ(c->relocalizer.core_share, 0.25);
+  const std::string file = "[relocalizer]\nmarkers = \"posters.json\"\n";
+  EXPECT_EQ(parseConfiguration(kCamera + kSlam + file, "/etc/w.toml")->relocalizer.markers,
+            "/etc/posters.json");
+  EXPECT_EQ(errorOf(kCamera + kSlam + sign + file),
+            "/etc/w.toml: relocalizer.markers: [[natural]] has some already; one of the two");
+  EXPECT_EQ(errorOf(kCamera + kSlam + sign + "p_m = [2.0, 0.0, 1.5]\n"),
+            "/etc/w.toml: natural \"exit\": p_m and q_wxyz go together");
+  EXPECT_EQ(errorOf(kCamera + kSlam + "[slam.natural]\nenabled = false\n" + sign),
+            "/etc/w.toml: natural: needs slam.natural.enabled");
+  EXPECT_NE(errorOf(kCamera + kSlam + "[[natural]]\nname = \"exit\"\nwidth_m = 0.3\n")
+                .find("image: missing"),
+            std::string::npos);
+  EXPECT_EQ(io::parseSlamSettings(kSlam + sign + file, "w.toml").ok(), true)
+      << "others pass it over";
+}
+
 // What `waymark run --config` gets of the same file.
 TEST(Configuration, TheSlamSectionReadsTheSameAlone) {
   const Result<io::SlamSettings> slam = io::readSlamSettings(WAYMARK_EXAMPLE_CONFIGURATION);
@@ -90,6 +124,7 @@ TEST(Configuration, TheExampleWithEverythingUncommentedChangesNoDefault) {
   EXPECT_EQ(o.natural.integrator.max_error_m, e.natural.integrator.max_error_m);
   EXPECT_EQ(o.natural.integrator.max_error_rad, e.natural.integrator.max_error_rad);
   EXPECT_EQ(o.covariance.cost_per_frame, e.covariance.cost_per_frame);
+  EXPECT_EQ(c->relocalizer.core_share, d.relocalizer.core_share);
   EXPECT_EQ(o.initialization.ambiguity_ratio, e.initialization.ambiguity_ratio);
   EXPECT_EQ(o.tracking.pose.marker_chi2, e.tracking.pose.marker_chi2);
   EXPECT_EQ(o.tracking.pose.max_rms_px, e.tracking.pose.max_rms_px);

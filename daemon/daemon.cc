@@ -25,7 +25,18 @@ std::size_t queueDepth(const Configuration& configuration) {
   return static_cast<std::size_t>(std::max(depth, 1));
 }
 
+std::vector<int> idsOf(const std::vector<slam::PosedNaturalMarker>& pictures) {
+  std::vector<int> ids;
+  for (const slam::PosedNaturalMarker& picture : pictures) ids.push_back(picture.id);
+  return ids;
+}
+
 }  // namespace
+
+Relocalizer::Relocalizer(std::vector<slam::PosedNaturalMarker> pictures,
+                         const slam::CameraModel& camera, double core_share)
+    : link(idsOf(pictures), camera.calibration().width, camera.calibration().height),
+      loop(std::move(pictures), camera, link, {.core_share = core_share, .relocalizer = {}}) {}
 
 Daemon::Daemon(DaemonParts parts, const ReloadSignal& reload_signal, Log& log)
     : parts_(std::move(parts)),
@@ -52,6 +63,7 @@ Daemon::Daemon(DaemonParts parts, const ReloadSignal& reload_signal, Log& log)
                   parts_.configuration, parts_.configuration_file) {
   wireHousekeeping();
   wireRecorder();
+  wireRelocalizer();
   wireCounters();
 }
 
@@ -77,6 +89,16 @@ void Daemon::wireRecorder() {
   publisher_.setTap([recorder](auto... message) { recorder->addMessage(message...); });
 }
 
+void Daemon::wireRelocalizer() {
+  std::vector<slam::PosedNaturalMarker>& pictures = parts_.natural.pictures;
+  if (pictures.empty()) return;
+  relocalizer_ = std::make_unique<Relocalizer>(std::move(pictures),
+                                               slam::CameraModel(parts_.camera.calibration),
+                                               parts_.configuration.relocalizer.core_share);
+  slam_loop_.setRelocalizer(&relocalizer_->link);
+  publisher_.setPrints(byId(parts_.configuration.slam.options.natural.prints));
+}
+
 void Daemon::wireCounters() {
   const auto add = [this](const auto* part) {
     if (part == nullptr) return;
@@ -86,6 +108,7 @@ void Daemon::wireCounters() {
   add(&controller_);
   add(parts_.control.get());
   add(parts_.recorder.get());
+  if (relocalizer_) add(&relocalizer_->loop);
   publisher_.addCounters([this](const CounterSink& sink) {
     sink("realtime.refused", rejections_.load(std::memory_order_relaxed));
     sink("log.lost_lines", log_.lost());
@@ -138,6 +161,12 @@ void Daemon::startThreads() {
     if (const Status lowered = lowerPriority("wm-maps"); !lowered) reportRejected(lowered.error());
     maps_.run();
   });
+  if (relocalizer_) {
+    relocalizer_thread_ = start("wm-natural", {}, [this] {
+      if (const Status s = lowerPriority("wm-natural"); !s) reportRejected(s.error());
+      relocalizer_->loop.run();
+    });
+  }
   housekeeping_thread_ = start("wm-housekeeping", {}, [this] { housekeeper_.run(); });
 }
 
@@ -145,6 +174,10 @@ std::optional<Daemon::Failure> Daemon::stopThreads() {
   capture_loop_.requestStop();
   capture_thread_.join();
   slam_thread_.join();
+  if (relocalizer_) {
+    relocalizer_->link.requestStop();
+    relocalizer_thread_.join();
+  }
   publisher_thread_.join();
   if (parts_.recorder) {
     parts_.recorder->requestStop();

@@ -9,6 +9,8 @@
 //        |                              control socket -'      '- SIGHUP                 |
 //        '--- [frames] ------------> recorder thread <------------- [messages] ----------'
 //
+//   SLAM thread <--> [one image, what was found in it] <--> relocalizer thread
+//
 // The main thread only waits. A stop travels the same way as a frame: capture closes its queue, the
 // SLAM loop empties it, the publisher sends what is left, the recorder writes it down, the map is
 // saved, and housekeeping tells what came of it.
@@ -36,6 +38,9 @@
 #include "daemon/frames/triple_buffer.h"
 #include "daemon/maps/map_keeper.h"
 #include "daemon/maps/map_worker.h"
+#include "daemon/natural/natural_setup.h"
+#include "daemon/natural/relocalizer_link.h"
+#include "daemon/natural/relocalizer_loop.h"
 #include "daemon/publish/publisher.h"
 #include "daemon/record/recorder.h"
 #include "daemon/system/housekeeper.h"
@@ -50,8 +55,18 @@ struct DaemonParts {
   Configuration configuration;
   CameraSetup camera;
   StartMap start;
+  NaturalSetup natural;
   std::unique_ptr<Recorder> recorder;      // null: nothing is recorded
   std::unique_ptr<ControlServer> control;  // null: there is no control socket
+};
+
+// Who looks for natural markers, and how frames come there.
+struct Relocalizer {
+  Relocalizer(std::vector<slam::PosedNaturalMarker> pictures, const slam::CameraModel& camera,
+              double core_share);
+
+  RelocalizerLink link;
+  RelocalizerLoop loop;
 };
 
 class Daemon {
@@ -70,6 +85,7 @@ class Daemon {
  private:
   void wireHousekeeping();
   void wireRecorder();
+  void wireRelocalizer();
   void wireCounters();
   void startThreads();
   [[nodiscard]] std::optional<Failure> stopThreads();
@@ -96,12 +112,14 @@ class Daemon {
   Housekeeper housekeeper_;
   MapWorker maps_;
   Controller controller_;
+  std::unique_ptr<Relocalizer> relocalizer_;  // null: there are no natural markers
 
   std::thread capture_thread_;
   std::thread slam_thread_;
   std::thread publisher_thread_;
   std::thread recorder_thread_;
   std::thread map_thread_;
+  std::thread relocalizer_thread_;
   std::thread housekeeping_thread_;
 };
 

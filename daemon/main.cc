@@ -20,6 +20,7 @@
 #include "daemon/daemon.h"
 #include "daemon/frames/camera_setup.h"
 #include "daemon/maps/map_keeper.h"
+#include "daemon/natural/natural_setup.h"
 #include "daemon/record/recorder_setup.h"
 #include "daemon/system/datagrams_only.h"
 #include "daemon/system/log.h"
@@ -47,13 +48,16 @@ Result<std::unique_ptr<ControlServer>> openControl(const fs::path& socket) {
 }
 
 // Empty when all that was wanted was a check.
-Result<std::optional<DaemonParts>> prepare(const fs::path& file, const Configuration& configuration,
+Result<std::optional<DaemonParts>> prepare(const fs::path& file, Configuration configuration,
                                            bool check_only, const Log& log) {
   Result<CameraSetup> camera = prepareCamera(configuration);
   if (!camera) return camera.error();
   if (!camera->calibration_change.empty()) {
     log.info(configuration.camera.calibration.string() + ": " + camera->calibration_change);
   }
+  Result<NaturalSetup> natural = prepareNatural(file, &configuration);
+  if (!natural) return natural.error();
+  for (const std::string& note : natural->notes) log.info(note);
   Result<StartMap> start = readStartMap(configuration.slam, camera->calibration);
   if (!start) return start.error();
   if (const Status s = checkRecorder(configuration.record, camera->calibration); !s) {
@@ -67,13 +71,14 @@ Result<std::optional<DaemonParts>> prepare(const fs::path& file, const Configura
     return std::optional<DaemonParts>();
   }
   std::unique_ptr<Recorder> recorder =
-      makeRecorder(configuration, file, camera->calibration, *start, log);
+      makeRecorder(configuration, file, camera->calibration, *start, *natural, log);
   Result<std::unique_ptr<ControlServer>> control = openControl(socket);
   if (!control) return control.error();
   return std::optional(DaemonParts{.configuration_file = file,
-                                   .configuration = configuration,
+                                   .configuration = std::move(configuration),
                                    .camera = std::move(camera).value(),
                                    .start = std::move(start).value(),
+                                   .natural = std::move(natural).value(),
                                    .recorder = std::move(recorder),
                                    .control = std::move(control).value()});
 }

@@ -5,6 +5,20 @@
 
 namespace waymark::slam {
 
+namespace {
+
+std::string twoWorlds(const Options& options) {
+  if (!options.markers.origin_marker) return {};
+  for (const PicturePrint& print : options.natural.prints) {
+    if (!print.T_w_m) continue;
+    return "the natural marker \"" + print.name +
+           "\" is surveyed, and the origin marker has a world of its own: one of the two";
+  }
+  return {};
+}
+
+}  // namespace
+
 void Options::treatAsUnorderedImages() {
   follower.enabled = false;
   tracking.motion.max_age_s = 0.0;
@@ -26,6 +40,7 @@ std::string Options::invalidReason() const {
       shutter.invalidReason(),
       covariance.invalidReason(),
       natural.invalidReason(),
+      twoWorlds(*this),
       global_optimization.invalidReason(),
       intrinsics.invalidReason(),
       firstUnmet({

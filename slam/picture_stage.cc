@@ -15,7 +15,7 @@ constexpr std::size_t kAwaited = 4;
 
 Options withSurveyedPictures(Options options) {
   for (const PicturePrint& print : options.natural.prints) {
-    if (!print.T_w_m || options.markers.origin_marker) continue;
+    if (!print.T_w_m) continue;
     options.markers.anchors.push_back(
         {pictureId(print.name), *print.T_w_m, print.sigma_m, print.sigma_rad});
   }

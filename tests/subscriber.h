@@ -18,6 +18,8 @@
 #include <waymark/detections_t.hpp>
 #include <waymark/health_t.hpp>
 #include <waymark/map_t.hpp>
+#include <waymark/natural_detections_t.hpp>
+#include <waymark/natural_map_t.hpp>
 #include <waymark/pose_t.hpp>
 
 namespace waymark::testing {
@@ -28,6 +30,8 @@ struct Received {
   std::vector<detections_t> detections;
   std::vector<map_t> maps;
   std::vector<health_t> healths;
+  std::vector<natural_detections_t> natural_detections;
+  std::vector<natural_map_t> natural_maps;
   int undecodable = 0;
 
   // Poses that frames stand behind.

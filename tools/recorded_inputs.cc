@@ -5,6 +5,7 @@
 
 #include "capture/log_source.h"
 #include "io/calibrations/calibration_file.h"
+#include "io/pictures/print_file.h"
 
 namespace waymark::tools {
 
@@ -25,6 +26,10 @@ Result<RecordedInputs> recordedInputs(const std::string& source) {
       Result<io::SlamSettings> settings = io::parseSlamSettings(file.content, name);
       if (!settings) return settings.error();
       inputs.settings = std::move(settings).value();
+    } else if (file.purpose == RecordedFile::kNatural) {
+      Result<std::vector<slam::PicturePrint>> prints = io::parsePrints(file.content, name);
+      if (!prints) return prints.error();
+      inputs.prints = std::move(prints).value();
     } else if (file.purpose == RecordedFile::kMap) {
       file.name = name;
       inputs.map = std::move(file);

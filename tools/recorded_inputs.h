@@ -3,17 +3,20 @@
 
 #include <optional>
 #include <string>
+#include <vector>
 
 #include "base/result.h"
 #include "capture/recorded_file.h"
 #include "io/settings/slam_settings.h"
 #include "slam/geometry/camera_model.h"
+#include "slam/map/picture_print.h"
 
 namespace waymark::tools {
 
 struct RecordedInputs {
   std::optional<slam::Calibration> calibration;
   std::optional<io::SlamSettings> settings;
+  std::vector<slam::PicturePrint> prints;    // natural markers that the SLAM was told of
   std::optional<capture::RecordedFile> map;  // that the daemon began with
 };
 

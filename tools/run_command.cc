@@ -31,6 +31,8 @@
 #include "slam/slam.h"
 #include "tools/exit_code.h"
 #include "tools/marker_arguments.h"
+#include "tools/natural/delayed_relocalizer.h"
+#include "tools/natural/recorded_late_results.h"
 #include "tools/number_arguments.h"
 #include "tools/progress_bar.h"
 #include "tools/recorded_inputs.h"
@@ -68,7 +70,7 @@ struct RunSetup {
   std::optional<io::OutputDirectory> output;
   std::optional<io::OutputDirectory> detections;  // the directory of --save-detections
   std::optional<io::OldMap> old_map;
-  std::unique_ptr<DelayedRelocalizer> pictures;  // null without natural markers
+  std::unique_ptr<LateResults> late;  // null without natural markers
 };
 
 // --map-in, or the one that the daemon began with when it made the recording.
@@ -138,8 +140,22 @@ Status addPictures(const std::string& file, RunSetup* setup) {
   if (const std::string reason = setup->options.invalidReason(); !reason.empty()) {
     return Error{file + ": " + reason};
   }
-  setup->pictures =
+  setup->late =
       std::make_unique<DelayedRelocalizer>(io::picturesOf(std::move(*set)), setup->camera);
+  return success();
+}
+
+// Those of a recording: they have been looked for.
+Status addRecordedPictures(const std::string& source, std::vector<slam::PicturePrint> prints,
+                           RunSetup* setup) {
+  if (prints.empty()) return success();
+  setup->options.natural.prints = std::move(prints);
+  if (const std::string reason = setup->options.invalidReason(); !reason.empty()) {
+    return Error{source + ": " + reason};
+  }
+  auto recorded = RecordedLateResults::read(source);
+  if (!recorded) return recorded.error();
+  setup->late = std::make_unique<RecordedLateResults>(std::move(*recorded));
   return success();
 }
 
@@ -188,7 +204,12 @@ Result<RunSetup> prepare(const RunArguments& arguments) {
   setup.options.mapping = !settings->map.localize_only;
   if (setup.input->unorderedImages()) setup.options.treatAsUnorderedImages();
   if (setup.old_map) io::agreeOnReadout(&*setup.old_map, &setup.options);
-  if (const Status added = addPictures(arguments.natural, &setup); !added) return added.error();
+  const bool pictures_as_recorded = as_recorded && arguments.natural.empty() && !arguments.fps;
+  const Status added =
+      pictures_as_recorded
+          ? addRecordedPictures(arguments.source, std::move(recorded->prints), &setup)
+          : addPictures(arguments.natural, &setup);
+  if (!added) return added.error();
   return setup;
 }
 
@@ -198,7 +219,7 @@ constexpr std::size_t kCameraFrames = 108'000;
 // Every frame. Returns why there are more than were processed; empty when there are not. What goes
 // wrong before anything was found is an error.
 Result<std::string> processAll(RunInput& input, const daemon::StopSignal& stop, slam::Slam& slam,
-                               StageTimer& timer, DelayedRelocalizer* pictures, bool show_progress,
+                               StageTimer& timer, LateResults* late, bool show_progress,
                                RunRecord* record) {
   ProgressBar bar(input.frameCount(), show_progress);
   for (;;) {
@@ -207,7 +228,7 @@ Result<std::string> processAll(RunInput& input, const daemon::StopSignal& stop, 
       return input.endless() ? std::string()
                              : "interrupted after " + std::to_string(record->frames()) + " frames";
     }
-    const Result<std::optional<RunInput::Step>> step = input.step(slam, timer, pictures);
+    const Result<std::optional<RunInput::Step>> step = input.step(slam, timer, late);
     if (!step) {
       if (input.endless()) {
         std::fprintf(stderr, "waymark: %s; that was the end\n", step.error().message.c_str());
@@ -342,7 +363,7 @@ Result<ExitCode> run(const RunArguments& arguments) {
   StageTimer timer(max_frames);
   RunRecord record(max_frames);
   const Result<std::string> incomplete =
-      processAll(*setup.input, stop, slam, timer, setup.pictures.get(),
+      processAll(*setup.input, stop, slam, timer, setup.late.get(),
                  /*show_progress=*/!arguments.quiet, &record);
   if (!incomplete) return incomplete.error();
   tellWhatIsMissing(*setup.input, record, *incomplete);

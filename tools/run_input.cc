@@ -25,7 +25,7 @@ class FrameInput final : public RunInput {
                           capture::silenceLimit(source_->info().rate_hz, 0.0, {}))) {}
 
   [[nodiscard]] Result<std::optional<Step>> step(slam::Slam& slam, StageTimer& timer,
-                                                 DelayedRelocalizer* pictures) override {
+                                                 LateResults* late) override {
     auto last_frame = std::chrono::steady_clock::now();
     for (;;) {
       capture::ReadResult read = source_->read(100ms);
@@ -39,11 +39,11 @@ class FrameInput final : public RunInput {
       const capture::FrameStamp& stamp = frame->stamp();
       if (!first_ns_) first_ns_ = source_->info().live ? stamp.monotonic_ns : 0;
       slam::FrameInput input{.time = {stamp.sequence, stamp.monotonic_ns}, .image = frame->image()};
-      if (pictures != nullptr) input = pictures->prepare(input);
+      if (late != nullptr) input = late->prepare(input);
       timer.beginFrame();
       const slam::FrameResult result = slam.process(input, &timer);
       timer.endFrame();
-      if (pictures != nullptr) pictures->look(input, result, slam.map());
+      if (late != nullptr) late->look(input, result, slam.map());
       return std::optional<Step>({stamp.monotonic_ns - *first_ns_, result});
     }
   }
@@ -80,7 +80,7 @@ class DetectionsInput final : public RunInput {
   [[nodiscard]] bool hasImages() const override { return false; }
 
   [[nodiscard]] Result<std::optional<Step>> step(slam::Slam& slam, StageTimer& timer,
-                                                 DelayedRelocalizer* /*pictures*/) override {
+                                                 LateResults* /*late*/) override {
     if (next_ == recorded_.frames.size()) return std::optional<Step>{};
     const io::RecordedFrame& frame = recorded_.frames[next_];
     timer.beginFrame();

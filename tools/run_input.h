@@ -9,7 +9,7 @@
 #include "base/result.h"
 #include "slam/geometry/calibration_fit.h"
 #include "slam/slam.h"
-#include "tools/natural/delayed_relocalizer.h"
+#include "tools/natural/late_results.h"
 #include "tools/stage_timer.h"
 
 namespace waymark::tools {
@@ -35,10 +35,10 @@ class RunInput {
   RunInput& operator=(const RunInput&) = delete;
   virtual ~RunInput() = default;
 
-  // Processes the next frame. Empty at the end of the recording. `pictures`: null where nobody
-  // looks for natural markers; that is not the SLAM's time.
+  // Processes the next frame. Empty at the end of the recording. `late`: null where nobody looks
+  // for natural markers; that is not the SLAM's time.
   [[nodiscard]] virtual Result<std::optional<Step>> step(slam::Slam& slam, StageTimer& timer,
-                                                         DelayedRelocalizer* pictures) = 0;
+                                                         LateResults* late) = 0;
   // Natural markers can be looked for.
   [[nodiscard]] virtual bool hasImages() const { return true; }
 

@@ -194,6 +194,7 @@ Json Controller::mapStatus() const {
   const MapWorker::Report report = parts_.maps.report();
   Json json;
   json["markers"] = parts_.slam.map_markers.load(std::memory_order_relaxed);
+  json["natural_markers"] = parts_.slam.map_natural_markers.load(std::memory_order_relaxed);
   json["keyframes"] = parts_.slam.map_keyframes.load(std::memory_order_relaxed);
   json["file"] = map_file_.string();
   json["changed_since_save"] = report.changed;

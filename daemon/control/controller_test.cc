@@ -142,6 +142,7 @@ TEST_F(ControllerTest, StatusIsTheLatestHealthWithMapRecorderAndLogLevel) {
   health.counters[0].value = 7;
   controller_->setHealth(health);
   output_.map_markers = 8;
+  output_.map_natural_markers = 2;
   output_.map_keyframes = 3;
 
   const Json status = askFor("status");
@@ -151,6 +152,7 @@ TEST_F(ControllerTest, StatusIsTheLatestHealthWithMapRecorderAndLogLevel) {
   EXPECT_EQ(status["status"], "tracking");
   EXPECT_EQ(status["counters"]["published.poses"], 7);
   EXPECT_EQ(status["map"]["markers"], 8);
+  EXPECT_EQ(status["map"]["natural_markers"], 2);
   EXPECT_EQ(status["map"]["keyframes"], 3);
   EXPECT_EQ(status["map"]["file"], file_.string());
   EXPECT_EQ(status["map"]["changed_since_save"], false);

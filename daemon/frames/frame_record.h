@@ -12,6 +12,8 @@
 
 #include "capture/frame.h"
 #include "daemon/frames/stage_clock.h"
+#include "daemon/natural/relocalizer_link.h"
+#include "slam/late_result.h"
 #include "slam/slam.h"
 
 namespace waymark::daemon {
@@ -35,6 +37,11 @@ struct FrameRecord {
   std::optional<std::size_t> missed_deadline_in;
   slam::Counters counters;  // as they stood after this frame
 
+  // The search for natural markers, as it was this frame's input.
+  bool searched = false;
+  std::size_t heard = 0;
+  std::array<slam::LateResult, RelocalizerLink::kMostResults> late;
+
   int seen = 0;  // may be larger than kMaxSeen; then the rest is not in `markers`
   std::array<SeenMarker, kMaxSeen> markers;
 };
@@ -50,7 +57,8 @@ struct MapSnapshot {
 
   capture::FrameStamp stamp;  // of the frame after which the map was like this
   int keyframe_count = 0;
-  std::vector<Marker> markers;
+  std::vector<Marker> markers;   // squares
+  std::vector<Marker> pictures;  // natural markers; size_m is the width
 };
 
 }  // namespace waymark::daemon

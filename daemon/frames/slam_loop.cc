@@ -1,6 +1,7 @@
 #include "daemon/frames/slam_loop.h"
 
 #include <algorithm>
+#include <array>
 
 #include "base/clock.h"
 
@@ -15,11 +16,12 @@ SlamLoop::SlamLoop(std::unique_ptr<slam::Slam> slam, FrameQueue& frames, const C
       output_(output),
       options_(options) {
   output_.alive_ns.store(monotonicNs(), std::memory_order_relaxed);
-  const auto& markers = slam_->map().markers();
-  const auto posed = std::ranges::count_if(
-      markers, [](const auto& id_and_marker) { return id_and_marker.second.T_w_m.has_value(); });
-  reportMapSize(static_cast<std::size_t>(posed));
-  map_changed_ = posed > 0;  // subscribers have not heard of it
+  std::array<std::size_t, 2> posed{};  // markers, and natural ones
+  for (const auto& [id, marker] : slam_->map().markers()) {
+    if (marker.T_w_m) ++posed[slam::isPicture(id) ? 1 : 0];
+  }
+  reportMapSize(posed[0], posed[1]);
+  map_changed_ = posed[0] + posed[1] > 0;  // subscribers have not heard of it
 }
 
 void SlamLoop::run() {
@@ -42,6 +44,7 @@ void SlamLoop::serveRequest() {
   requests_.serve(slam_);
   if (slam_.get() == before) return;
   earlier_ = counted;
+  if (relocalizer_ != nullptr) relocalizer_->forget();
   countMapChange();
   handOnMap(last_stamp_);
   next_map_ns_ = 0;
@@ -58,20 +61,28 @@ void SlamLoop::process(const capture::Frame& frame) {
   const capture::FrameStamp& stamp = frame.stamp();
   output_.frame_began_ns.store(monotonicNs(), std::memory_order_relaxed);
   clock_.beginFrame();
-  const slam::FrameResult result = slam_->process(
-      {.time = {stamp.sequence, stamp.monotonic_ns}, .image = frame.image()}, &clock_);
-  record(stamp, result, clock_.endFrame());
+  slam::FrameInput input{.time = {stamp.sequence, stamp.monotonic_ns}, .image = frame.image()};
+  if (relocalizer_ != nullptr) {
+    input.late = relocalizer_->hear();
+    input.awaited = relocalizer_->idle();
+  }
+  const slam::FrameResult result = slam_->process(input, &clock_);
+  record(stamp, input, result, clock_.endFrame());
   output_.frame_began_ns.store(0, std::memory_order_relaxed);
   if (!output_.records.try_enqueue(record_)) {
     output_.records_lost.fetch_add(1, std::memory_order_relaxed);
   }
   if (result.map_changed) countMapChange();
+  if (input.awaited) {
+    const std::uint64_t revision = output_.map_revision.load(std::memory_order_relaxed);
+    relocalizer_->ask(input, result, slam_->map(), revision);
+  }
   handOnMapWhenDue(stamp);
   last_stamp_ = stamp;
 }
 
-void SlamLoop::record(const capture::FrameStamp& stamp, const slam::FrameResult& result,
-                      std::int64_t processing_ns) {
+void SlamLoop::record(const capture::FrameStamp& stamp, const slam::FrameInput& input,
+                      const slam::FrameResult& result, std::int64_t processing_ns) {
   record_.stamp = stamp;
   record_.state = result.state;
   record_.reason = result.reason;
@@ -80,6 +91,9 @@ void SlamLoop::record(const capture::FrameStamp& stamp, const slam::FrameResult&
   record_.missed_deadline_in.reset();
   if (tookTooLong(processing_ns)) record_.missed_deadline_in = clock_.longest();
   record_.counters = counters();
+  record_.searched = input.awaited;
+  record_.heard = std::min(input.late.size(), record_.late.size());
+  std::copy_n(input.late.begin(), record_.heard, record_.late.begin());
   record_.seen = static_cast<int>(result.detections.size());
   const std::size_t kept = std::min(result.detections.size(), record_.markers.size());
   for (std::size_t i = 0; i < kept; ++i) {
@@ -106,17 +120,20 @@ void SlamLoop::handOnMap(const capture::FrameStamp& stamp) {
   snapshot.stamp = stamp;
   snapshot.keyframe_count = static_cast<int>(map.keyframes().size());
   snapshot.markers.clear();
+  snapshot.pictures.clear();
   for (const auto& [id, marker] : map.markers()) {
     if (!marker.T_w_m) continue;
-    snapshot.markers.push_back({id, marker.size_m, *marker.T_w_m, marker.world_covariance});
+    auto& of_its_kind = slam::isPicture(id) ? snapshot.pictures : snapshot.markers;
+    of_its_kind.push_back({id, marker.size_m, *marker.T_w_m, marker.world_covariance});
   }
-  reportMapSize(snapshot.markers.size());
+  reportMapSize(snapshot.markers.size(), snapshot.pictures.size());
   output_.map.publish();
   map_changed_ = false;
 }
 
-void SlamLoop::reportMapSize(std::size_t posed_markers) {
-  output_.map_markers.store(static_cast<int>(posed_markers), std::memory_order_relaxed);
+void SlamLoop::reportMapSize(std::size_t markers, std::size_t natural_markers) {
+  output_.map_markers.store(static_cast<int>(markers), std::memory_order_relaxed);
+  output_.map_natural_markers.store(static_cast<int>(natural_markers), std::memory_order_relaxed);
   output_.map_keyframes.store(static_cast<int>(slam_->map().keyframes().size()),
                               std::memory_order_relaxed);
 }

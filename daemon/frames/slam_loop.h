@@ -15,6 +15,7 @@
 #include "daemon/frames/slam_requests.h"
 #include "daemon/frames/stage_clock.h"
 #include "daemon/frames/triple_buffer.h"
+#include "daemon/natural/relocalizer_link.h"
 #include "slam/slam.h"
 
 namespace waymark::daemon {
@@ -35,6 +36,7 @@ struct SlamOutput {
   // Grows when the map changes: a map copied or saved at the same count is the same map.
   std::atomic<std::uint64_t> map_revision{0};
   std::atomic<int> map_markers{0};  // with a pose, in the map last handed on
+  std::atomic<int> map_natural_markers{0};
   std::atomic<int> map_keyframes{0};
 };
 
@@ -54,6 +56,9 @@ class SlamLoop {
            SlamRequests& requests, SlamOutput& output)
       : SlamLoop(std::move(slam), frames, camera, requests, output, Options{}) {}
 
+  // Who looks for natural markers in its frames; must outlive it. Before run().
+  void setRelocalizer(RelocalizerLink* relocalizer) { relocalizer_ = relocalizer; }
+
   // The thread's body. Returns when the queue is closed and empty. Comes round with every frame,
   // and when the queue is woken.
   void run();
@@ -66,10 +71,10 @@ class SlamLoop {
  private:
   void serveRequest();
   void process(const capture::Frame& frame);
-  void record(const capture::FrameStamp& stamp, const slam::FrameResult& result,
-              std::int64_t processing_ns);
+  void record(const capture::FrameStamp& stamp, const slam::FrameInput& input,
+              const slam::FrameResult& result, std::int64_t processing_ns);
   void countMapChange();
-  void reportMapSize(std::size_t posed_markers);
+  void reportMapSize(std::size_t markers, std::size_t natural_markers);
   [[nodiscard]] bool tookTooLong(std::int64_t processing_ns) const;
   void handOnMapWhenDue(const capture::FrameStamp& stamp);
   void handOnMap(const capture::FrameStamp& stamp);
@@ -81,6 +86,7 @@ class SlamLoop {
   SlamRequests& requests_;
   SlamOutput& output_;
   const Options options_;
+  RelocalizerLink* relocalizer_ = nullptr;  // null: there are no natural markers
   StageClock clock_{&output_.alive_ns};
   FrameRecord record_;
   capture::FrameStamp last_stamp_;

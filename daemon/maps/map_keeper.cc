@@ -1,5 +1,6 @@
 #include "daemon/maps/map_keeper.h"
 
+#include <algorithm>
 #include <cerrno>
 #include <cstdlib>
 #include <filesystem>
@@ -19,7 +20,12 @@ namespace {
 namespace fs = std::filesystem;
 
 std::string contents(const slam::Map& map) {
+  const auto is_posed_picture = [](const auto& id_and_marker) {
+    return slam::isPicture(id_and_marker.first) && id_and_marker.second.T_w_m.has_value();
+  };
+  const auto natural = std::ranges::count_if(map.markers(), is_posed_picture);
   return std::to_string(io::posedMarkerCorners(map).size()) + " markers, " +
+         (natural > 0 ? std::to_string(natural) + " natural markers, " : "") +
          std::to_string(map.keyframes().size()) + " keyframes";
 }
 

@@ -105,7 +105,8 @@ std::optional<MapWorker::Request> MapWorker::next() {
       wake_.wait(lock);
     } else if (Clock::now() >= due) {
       last_attempt_ = Clock::now();
-      const bool has_map = output_.map_markers.load(std::memory_order_relaxed) > 0;
+      const bool has_map = output_.map_markers.load(std::memory_order_relaxed) > 0 ||
+                           output_.map_natural_markers.load(std::memory_order_relaxed) > 0;
       if (has_map && changed()) return Request{};
     } else {
       wake_.wait_until(lock, due);

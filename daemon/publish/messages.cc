@@ -2,6 +2,8 @@
 
 #include <algorithm>
 
+#include "daemon/publish/message_fields.h"
+
 namespace waymark::daemon {
 namespace {
 
@@ -34,21 +36,6 @@ std::int8_t source(slam::PoseSource source) {
       return pose_t::SOURCE_PREDICTION;
   }
   return pose_t::SOURCE_NONE;
-}
-
-void put(const Eigen::Vector3d& v, double (&out)[3]) { std::copy_n(v.data(), 3, out); }
-
-// w, x, y, z
-void put(const Eigen::Quaterniond& q, double (&out)[4]) {
-  out[0] = q.w();
-  out[1] = q.x();
-  out[2] = q.y();
-  out[3] = q.z();
-}
-
-// Row by row.
-void put(const slam::Matrix6d& matrix, double (&out)[36]) {
-  Eigen::Map<Eigen::Matrix<double, 6, 6, Eigen::RowMajor>>{out} = matrix;
 }
 
 void fillAge(std::int64_t now_ns, std::optional<std::int64_t> last_pose_ns, pose_t& message) {

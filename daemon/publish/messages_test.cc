@@ -1,9 +1,13 @@
 #include "daemon/publish/messages.h"
 
 #include <set>
+#include <string>
 #include <vector>
 
 #include <gtest/gtest.h>
+
+#include "daemon/publish/natural_messages.h"
+#include "io/text/json_node.h"
 
 namespace waymark::daemon {
 namespace {
@@ -148,6 +152,83 @@ TEST(MapMessage, LargeMapsComeInPiecesThatFitAndHoldEveryMarkerOnce) {
       }
     }
     EXPECT_EQ(static_cast<int>(ids.size()), markers);
+  }
+}
+
+slam::PicturePrint print(const std::string& name) {
+  slam::PicturePrint print;
+  print.name = name;
+  print.width_m = 0.6;
+  print.height_m = 0.8;
+  return print;
+}
+
+PrintsById twoPrints() { return byId({print("poster"), print("exit sign")}); }
+
+TEST(NaturalDetectionsMessage, CarriesWhatTookEffectWithTheFrame) {
+  FrameRecord record = localizedRecord();
+  record.searched = true;
+  record.heard = 1;
+  slam::LateResult& late = record.late[0];
+  late.sequence = 5;
+  late.landmark = slam::pictureId("exit sign");
+  late.T_m_c = io::asRead(someTransform());
+  late.covariance(1, 2) = 0.25;
+  natural_detections_t message{};
+  fillNaturalDetections(record, twoPrints(), message);
+  EXPECT_EQ(message.sequence, 12);
+  EXPECT_EQ(message.searched, 1);
+  ASSERT_EQ(message.count, 1);
+  const natural_detection_t& detection = message.detections[0];
+  EXPECT_EQ(detection.sequence, 5);
+  EXPECT_EQ(detection.name, "exit sign");
+  EXPECT_EQ(detection.p_m_c[1], someTransform().p.y());
+  EXPECT_EQ(detection.covariance[8], 0.25) << "row 1, column 2";
+  const Eigen::Quaterniond q(detection.q_m_c[0], detection.q_m_c[1], detection.q_m_c[2],
+                             detection.q_m_c[3]);
+  EXPECT_EQ(slam::Transform::fromQuaternion(q, Eigen::Vector3d::Zero()).R, late.T_m_c.R)
+      << "to the last bit";
+  record.heard = 0;
+  fillNaturalDetections(record, twoPrints(), message);
+  EXPECT_EQ(message.count, 0);
+  EXPECT_TRUE(message.detections.empty());
+}
+
+TEST(NaturalDetectionsMessage, AFullFrameFitsInAMessage) {
+  FrameRecord record = localizedRecord();
+  record.heard = record.late.size();
+  for (slam::LateResult& late : record.late) late.landmark = slam::pictureId("poster");
+  natural_detections_t message{};
+  fillNaturalDetections(record, {{slam::pictureId("poster"), print(std::string(500, 'x'))}},
+                        message);
+  EXPECT_LT(message.getEncodedSize(), 60'000);
+}
+
+TEST(NaturalMapMessage, LargeMapsComeInPieces) {
+  for (const int pictures : {0, 1, 120, 121, 1000}) {
+    MapSnapshot map;
+    PrintsById prints;
+    for (int i = 0; i < pictures; ++i) {
+      prints[i] = print(std::string(95, 'x') + std::to_string(i));
+      map.pictures.push_back({i, 0.6, someTransform(), slam::Matrix6d::Identity()});
+    }
+    std::set<std::string> names;
+    natural_map_t message{};
+    for (int piece = 0; piece < naturalPieceCount(map); ++piece) {
+      fillNaturalMapPiece(map, prints, 8, piece, message);
+      EXPECT_LT(message.getEncodedSize(), 60'000);
+      EXPECT_EQ(message.revision, 8);
+      EXPECT_EQ(message.marker_count, pictures);
+      EXPECT_EQ(message.piece_count, naturalPieceCount(map));
+      for (const natural_marker_t& marker : message.markers) {
+        names.insert(marker.name);
+        EXPECT_EQ(marker.width, 0.6);
+        EXPECT_EQ(marker.height, 0.8);
+        EXPECT_EQ(marker.p_w_m[2], someTransform().p.z());
+        EXPECT_EQ(marker.covariance[7], 1.0);
+      }
+    }
+    EXPECT_EQ(static_cast<int>(names.size()), pictures);
   }
 }
 

@@ -44,6 +44,8 @@ Publisher::Publisher(const Configuration::Publish& options, const BodyMotion::Op
       detections_channel_(options.channel_prefix + "DETECTIONS"),
       map_channel_(options.channel_prefix + "MAP"),
       health_channel_(options.channel_prefix + "HEALTH"),
+      natural_detections_channel_(options.channel_prefix + "NATURAL"),
+      natural_map_channel_(options.channel_prefix + "NATURAL_MAP"),
       input_(input),
       camera_(camera),
       frames_(frames),
@@ -93,6 +95,14 @@ void Publisher::publishFrame() {
     fillDetections(record_, dictionary_, detections_);
     send(detections_channel_, detections_);
   }
+  publishNaturalDetections();
+}
+
+// A recording needs them to give the same poses again, so that nobody can switch them off.
+void Publisher::publishNaturalDetections() {
+  if (!record_.searched && record_.heard == 0) return;
+  fillNaturalDetections(record_, prints_, natural_detections_);
+  send(natural_detections_channel_, natural_detections_);
 }
 
 // A change at once; what stays as it is again and again, as subscribers may come late.
@@ -107,6 +117,11 @@ void Publisher::publishMap(std::int64_t now_ns) {
   for (int piece = 0; piece < mapPieceCount(*newest_map_); ++piece) {
     fillMapPiece(*newest_map_, dictionary_, map_revision_, piece, map_);
     send(map_channel_, map_);
+  }
+  if (prints_.empty() && newest_map_->pictures.empty()) return;
+  for (int piece = 0; piece < naturalPieceCount(*newest_map_); ++piece) {
+    fillNaturalMapPiece(*newest_map_, prints_, map_revision_, piece, natural_map_);
+    send(natural_map_channel_, natural_map_);
   }
 }
 

@@ -22,6 +22,7 @@
 #include "daemon/publish/body_motion.h"
 #include "daemon/publish/lcm_link.h"
 #include "daemon/publish/messages.h"
+#include "daemon/publish/natural_messages.h"
 #include <waymark/health_t.hpp>
 
 namespace waymark::daemon {
@@ -40,6 +41,10 @@ class Publisher {
   // Counters of others for the health messages. Before run().
   void addCounters(CounterSource counters) { others_.push_back(std::move(counters)); }
 
+  // The natural markers that subscribers are told of; without any, there are no such messages.
+  // Before run().
+  void setPrints(PrintsById prints) { prints_ = std::move(prints); }
+
   // Any thread: whether detections are published, from the next frame on.
   void setDetections(bool wanted) { detections_wanted_.store(wanted, std::memory_order_relaxed); }
   [[nodiscard]] bool detections() const {
@@ -57,6 +62,7 @@ class Publisher {
   };
 
   void publishFrame();
+  void publishNaturalDetections();
   void publishMap(std::int64_t now_ns);
   void watchCamera(std::int64_t now_ns);
   void publishNoCamera(std::int64_t now_ns);
@@ -76,12 +82,14 @@ class Publisher {
   std::atomic<bool> detections_wanted_;
   const std::string dictionary_;
   const std::string pose_channel_, detections_channel_, map_channel_, health_channel_;
+  const std::string natural_detections_channel_, natural_map_channel_;
   SlamOutput& input_;
   const CameraStatus& camera_;
   const FrameQueue& frames_;
   TripleBuffer<health_t>& health_out_;
   std::vector<CounterSource> others_;
   MessageTap tap_;
+  PrintsById prints_;
   LcmLink link_;
   const std::int64_t started_ns_;
 
@@ -90,6 +98,8 @@ class Publisher {
   pose_t pose_{};
   detections_t detections_{};
   map_t map_{};
+  natural_detections_t natural_detections_{};
+  natural_map_t natural_map_{};
   health_t health_{};
   bot_core::pose_t bot_core_pose_{};
   std::array<std::uint8_t, kMaxMessageBytes> bytes_{};

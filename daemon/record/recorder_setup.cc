@@ -48,7 +48,7 @@ Status checkRecorder(const Configuration::Record& record, const slam::Calibratio
 std::unique_ptr<Recorder> makeRecorder(const Configuration& configuration,
                                        const fs::path& configuration_file,
                                        const slam::Calibration& calibration, const StartMap& start,
-                                       const Log& log) {
+                                       const NaturalSetup& natural, const Log& log) {
   if (configuration.record.directory.empty()) return nullptr;
   std::vector<RecordedFile> files;
   files.push_back({RecordedFile::kConfiguration, configuration_file.string(), configuration.text});
@@ -58,6 +58,11 @@ std::unique_ptr<Recorder> makeRecorder(const Configuration& configuration,
                    io::formatCalibration(calibration)});
   if (!start.text.empty()) {
     files.push_back({RecordedFile::kMap, configuration.slam.map.in.string(), start.text});
+  }
+  if (!natural.prints.empty()) {
+    const fs::path& markers = configuration.relocalizer.markers;
+    files.push_back({RecordedFile::kNatural,
+                     (markers.empty() ? configuration_file : markers).string(), natural.prints});
   }
   return std::make_unique<Recorder>(recorderOptions(configuration.record), files, log);
 }

@@ -7,6 +7,7 @@
 #include "base/result.h"
 #include "daemon/configuration.h"
 #include "daemon/maps/map_keeper.h"
+#include "daemon/natural/natural_setup.h"
 #include "daemon/record/recorder.h"
 #include "daemon/system/log.h"
 #include "slam/geometry/camera_model.h"
@@ -21,10 +22,11 @@ namespace waymark::daemon {
                                    const slam::Calibration& calibration);
 
 // Null without a directory to record into. The recordings will carry the configuration file, the
-// calibration as it is used, and the map that the daemon begins with, so that they can be run again
-// without anything else.
+// calibration as it is used, what the SLAM is told of natural markers, and the map that the daemon
+// begins with, so that they can be run again without anything else.
 [[nodiscard]] std::unique_ptr<Recorder> makeRecorder(
     const Configuration& configuration, const std::filesystem::path& configuration_file,
-    const slam::Calibration& calibration, const StartMap& start, const Log& log);
+    const slam::Calibration& calibration, const StartMap& start, const NaturalSetup& natural,
+    const Log& log);
 
 }  // namespace waymark::daemon

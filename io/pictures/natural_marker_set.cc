@@ -73,8 +73,14 @@ Result<NaturalMarkerSet> readNaturalMarkers(const fs::path& file,
   auto entries = parseNaturalMarkers(*text, file);
   if (!entries) return entries.error();
   if (entries->empty()) return Error{file.string() + ": has no markers"};
+  return readNaturalMarkers(std::move(*entries), file, options);
+}
+
+Result<NaturalMarkerSet> readNaturalMarkers(std::vector<NaturalMarkerEntry> entries,
+                                            const fs::path& file,
+                                            const slam::NaturalMarkerOptions& options) {
   NaturalMarkerSet set;
-  set.entries = std::move(*entries);
+  set.entries = std::move(entries);
   const FeatureCache cache = readCache(file);
   FeatureCache next;
   std::map<std::uint64_t, std::string> names;  // of the pictures so far, by their key

@@ -30,6 +30,10 @@ struct NaturalMarkerSet {
 // cache beside the file where it has them; a new cache is written where it can be.
 [[nodiscard]] Result<NaturalMarkerSet> readNaturalMarkers(
     const std::filesystem::path& file, const slam::NaturalMarkerOptions& options = {});
+// The same of entries that stand in another kind of file: their images count from where it is.
+[[nodiscard]] Result<NaturalMarkerSet> readNaturalMarkers(
+    std::vector<NaturalMarkerEntry> entries, const std::filesystem::path& file,
+    const slam::NaturalMarkerOptions& options = {});
 
 // What the SLAM is told of them, and what its relocalizer looks for.
 [[nodiscard]] std::vector<slam::PicturePrint> printsOf(const NaturalMarkerSet& set);

@@ -84,7 +84,10 @@ class SettingsReader {
   Status readTable(const toml::table& table, const std::string& prefix,
                    std::span<const std::string_view> others) const {
     for (const auto& [key_token, node] : table) {
-      if (std::ranges::find(others, key_token.str()) != others.end() && node.is_table()) continue;
+      if (std::ranges::find(others, key_token.str()) != others.end() &&
+          (node.is_table() || node.is_array_of_tables())) {
+        continue;
+      }
       const std::string key = prefix + std::string(key_token.str());
       if (const auto setting = std::ranges::find(settings_, key, &Setting::key);
           setting != settings_.end()) {

@@ -124,8 +124,9 @@ constexpr std::array<std::pair<std::string_view, std::string_view>, 16> kRenamed
 }};
 
 // The daemon's other sections.
-constexpr std::array<std::string_view, 8> kOtherSections = {
-    "body", "camera", "control", "log", "publish", "queue", "realtime", "record"};
+constexpr std::array<std::string_view, 10> kOtherSections = {
+    "body",    "camera", "control",  "log",    "natural",
+    "publish", "queue",  "realtime", "record", "relocalizer"};
 
 }  // namespace
 

@@ -116,7 +116,8 @@ std::optional<PictureJoint> PictureMapper::lookAgain(const View& view, const Map
   auto keyframe = keyframeOf(view, known.id, /*links=*/1.0, map);
   if (!keyframe) return std::nullopt;
   if (carried) sightings->carried_ns = now_ns;
-  PictureJoint joint{.id = known.id};
+  PictureJoint joint;
+  joint.id = known.id;
   joint.keyframes.push_back(std::move(*keyframe));
   return joint;
 }

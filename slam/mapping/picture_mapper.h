@@ -53,9 +53,9 @@ struct AwaitedFrame {
 // What a picture changes in the map.
 struct PictureJoint {
   int id = -1;
-  bool moved = false;               // it hangs elsewhere by now: its pose goes
-  std::vector<Keyframe> keyframes;  // oldest first, with their links
-  std::optional<Transform> T_w_m;   // of a picture that is new
+  bool moved = false;                 // it hangs elsewhere by now: its pose goes
+  std::vector<Keyframe> keyframes{};  // oldest first, with their links
+  std::optional<Transform> T_w_m{};   // of a picture that is new
   Matrix6d covariance = Matrix6d::Zero();
 };
 
@@ -73,10 +73,10 @@ class PictureMapper {
 
  private:
   struct View {
-    AwaitedFrame frame;
-    Transform T_c_m;
+    AwaitedFrame frame{};
+    Transform T_c_m{};
     Matrix6d covariance = Matrix6d::Zero();        // of T_c_m
-    Transform T_w_m;                               // what it says of the picture's place,
+    Transform T_w_m{};                             // what it says of the picture's place,
     Matrix6d place_covariance = Matrix6d::Zero();  // with the frame's own error
   };
   struct Sightings {

@@ -63,19 +63,27 @@ std::string pointText(const Eigen::Vector3d& p) {
   return io::fixed(p.x(), 3) + " " + io::fixed(p.y(), 3) + " " + io::fixed(p.z(), 3);
 }
 
-std::string statesText(const slam::Map& map) {
+// "3: 2 mapped, 1 unresolved", of the natural ones or the others.
+std::string statesText(const slam::Map& map, bool natural) {
+  int all = 0;
   std::map<std::string, int> counts;
-  for (const auto& [id, marker] : map.markers()) ++counts[stateText(marker.state)];
+  for (const auto& [id, marker] : map.markers()) {
+    if (slam::isPicture(id) != natural) continue;
+    ++all;
+    ++counts[stateText(marker.state)];
+  }
   std::string text;
   for (const auto& [state, count] : counts) {
     text += (text.empty() ? "" : ", ") + std::to_string(count) + " " + state;
   }
-  return text.empty() ? "none" : text;
+  return std::to_string(all) + ": " + (text.empty() ? "none" : text) + "\n";
 }
 
 std::string sizesText(const slam::Map& map) {
   std::map<double, int> counts;  // by size
-  for (const auto& [id, marker] : map.markers()) ++counts[marker.size_m];
+  for (const auto& [id, marker] : map.markers()) {
+    if (!slam::isPicture(id)) ++counts[marker.size_m];
+  }
   std::string text;
   for (const auto& [size_m, count] : counts) {
     text +=
@@ -136,8 +144,10 @@ std::string uncertaintyText(const slam::Map& map) {
 
 std::string markerText(const slam::MapMarker& marker, std::size_t views,
                        const ReprojectionFit& fit) {
-  std::string text = "  " + std::to_string(marker.id) + "  " + stateText(marker.state) + "  " +
-                     io::roundTrip(marker.size_m) + " m";
+  const bool natural = slam::isPicture(marker.id);
+  std::string text = "  " + (natural ? io::oneLine(marker.picture) : std::to_string(marker.id)) +
+                     "  " + stateText(marker.state) + "  " + io::roundTrip(marker.size_m);
+  text += natural ? " x " + io::roundTrip(marker.height_m) + " m" : " m";
   if (marker.T_w_m) {
     const Eigen::Quaterniond q = marker.T_w_m->quaternion();
     text += "  p " + pointText(marker.T_w_m->p) + "  q " + io::fixed(q.w(), 4) + " " +
@@ -173,8 +183,12 @@ std::map<int, ReprojectionFit> reprojectionFitByMarker(const io::MapFile& file) 
 std::string mapInfo(const io::MapFile& file, bool with_markers) {
   const slam::Map& map = file.map;
   std::string text = "dictionary  " + map.dictionary + "\n";
-  text += "markers     " + std::to_string(map.markers().size()) + ": " + statesText(map) + "\n";
-  if (!map.markers().empty()) text += "sizes       " + sizesText(map) + "\n";
+  text += "markers     " + statesText(map, false);
+  if (const std::string sizes = sizesText(map); !sizes.empty()) {
+    text += "sizes       " + sizes + "\n";
+  }
+  const bool any_natural = !map.markers().empty() && slam::isPicture(map.markers().rbegin()->first);
+  if (any_natural) text += "natural     " + statesText(map, true);
   text += extentText(map) + uncertaintyText(map) + keyframesText(map);
   if (const ReprojectionFit fit = reprojectionFit(file); fit.corners > 0) {
     text += "fit         " + io::fixed(fit.rms_px, 3) + " px rms over " +
@@ -185,7 +199,8 @@ std::string mapInfo(const io::MapFile& file, bool with_markers) {
   if (!with_markers) return text;
   auto fits = reprojectionFitByMarker(file);
   for (const auto& [id, marker] : map.markers()) {
-    text += markerText(marker, map.viewsOf(id).size(), fits[id]);
+    const auto views = slam::isPicture(id) ? map.linkedFrom(id) : map.viewsOf(id);
+    text += markerText(marker, views.size(), fits[id]);
   }
   return text;
 }

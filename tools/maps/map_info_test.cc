@@ -34,6 +34,13 @@ TEST(MapInfo, OfASmallMap) {
   keyframe.detections.change([](auto* detections) {
     for (Eigen::Vector2d& pixel : (*detections)[1].pixels) pixel += Eigen::Vector2d(3, 4);
   });
+  slam::PicturePrint print;
+  print.name = "poster";
+  print.width_m = 0.3;
+  print.height_m = 0.4;
+  const int poster = file.map.addPicture(print).id;
+  file.map.place(poster, slam::testing::markerFacing({0, 2, 1}, {0, 0, 1}));
+  keyframe.links = {{poster, {}, slam::Matrix6d::Identity()}};
   file.map.addKeyframe(keyframe);
 
   const auto fits = reprojectionFitByMarker(file);
@@ -51,7 +58,8 @@ TEST(MapInfo, OfASmallMap) {
         "  7  mapped  0.2 m  p 1.000 2.000 0.000  q ",
         "  sigma 2.00 mm 0.172 deg  1 views  5.000 px\n",
         "sigma       of 1 markers in the world: median 2.00 mm, worst 2.00 mm\n",
-        "  9  refused  0.1 m  0 views\n"}) {
+        "  9  refused  0.1 m  0 views\n", "natural     1: 1 mapped\n",
+        "  poster  mapped  0.3 x 0.4 m  p 0.000 2.000 1.000  q "}) {
     EXPECT_NE(text.find(line), std::string::npos) << text << "\nhas not: " << line;
   }
   EXPECT_EQ(mapInfo(file, false).find("  7  mapped"), std::string::npos);

@@ -11,10 +11,11 @@
 #include "slam/geometry/camera_model.h"
 #include "slam/map/map.h"
 #include "slam/natural/pictures/picture_relocalizer.h"
+#include "tools/natural/late_results.h"
 
 namespace waymark::tools {
 
-class DelayedRelocalizer {
+class DelayedRelocalizer final : public LateResults {
  public:
   // delay_frames: as many as come while the daemon's thread looks at one image: 150 ms at 30 a
   // second. At least 1.
@@ -22,10 +23,9 @@ class DelayedRelocalizer {
                      const slam::CameraModel& camera, int delay_frames = 5)
       : relocalizer_(std::move(pictures), camera), delay_frames_(delay_frames) {}
 
-  // Before a frame: its input, with what is due. Valid until look().
-  [[nodiscard]] slam::FrameInput prepare(slam::FrameInput frame);
-  // After it, of the same input.
-  void look(const slam::FrameInput& frame, const slam::FrameResult& result, const slam::Map& map);
+  [[nodiscard]] slam::FrameInput prepare(slam::FrameInput frame) override;
+  void look(const slam::FrameInput& frame, const slam::FrameResult& result,
+            const slam::Map& map) override;
 
   [[nodiscard]] const slam::RelocalizationCounts& counts() const { return relocalizer_.counts(); }
 

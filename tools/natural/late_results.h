@@ -1,0 +1,23 @@
+// Where `waymark run` gets what is found in earlier frames, as the daemon gets it from its thread.
+#pragma once
+
+#include "slam/frame.h"
+#include "slam/map/map.h"
+
+namespace waymark::tools {
+
+class LateResults {
+ public:
+  LateResults() = default;
+  LateResults(const LateResults&) = delete;
+  LateResults& operator=(const LateResults&) = delete;
+  virtual ~LateResults() = default;
+
+  // Before a frame: its input, with what is due. Valid until look().
+  [[nodiscard]] virtual slam::FrameInput prepare(slam::FrameInput frame) = 0;
+  // After it, of the same input.
+  virtual void look(const slam::FrameInput& frame, const slam::FrameResult& result,
+                    const slam::Map& map) = 0;
+};
+
+}  // namespace waymark::tools
