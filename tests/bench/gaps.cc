@@ -42,6 +42,7 @@ struct Arguments {
   int height = 0;  // pixels
   double rate_hz = 0.0;
   double duration_s = 0.0;
+  bool there_and_back = false;
   bool every_gap = false;
 };
 
@@ -74,6 +75,11 @@ struct Report {
   int frames = 0;              // since the first pose
   int posed = 0;
   int beyond_3_sigma = 0;  // frames
+  // Of the live maps at the end: the error of the distance between the two markers that are
+  // farthest from each other.
+  std::vector<double> distance_errors_mm;
+  int mapped = 0;   // markers
+  int markers = 0;  // that there are
 };
 
 std::optional<Carried> carried(const slam::PoseEstimate& pose, const Transform& truth,
@@ -159,6 +165,26 @@ std::optional<Transform> byMarker(const slam::Map& map, const simulator::Simulat
   return std::nullopt;
 }
 
+void addMap(const slam::Map& map, const simulator::Simulation& simulation, Report* report) {
+  double farthest_m = 0.0;
+  double error_mm = 0.0;
+  const auto& markers = simulation.markers();
+  report->markers += static_cast<int>(markers.size());
+  for (const simulator::Marker& a : markers) {
+    const slam::MapMarker* const in_map = map.findPosed(a.id);
+    if (in_map == nullptr) continue;
+    ++report->mapped;
+    for (const simulator::Marker& b : markers) {
+      const slam::MapMarker* const other = map.findPosed(b.id);
+      const double distance_m = (a.T_w_m.p - b.T_w_m.p).norm();
+      if (other == nullptr || distance_m <= farthest_m) continue;
+      farthest_m = distance_m;
+      error_mm = 1e3 * ((in_map->T_w_m->p - other->T_w_m->p).norm() - distance_m);
+    }
+  }
+  if (farthest_m > 0.0) report->distance_errors_mm.push_back(error_mm);
+}
+
 Status runOnce(const Arguments& arguments, const std::string& scene, std::uint64_t seed,
                Report* report) {
   simulator::Options asked;
@@ -167,7 +193,9 @@ Status runOnce(const Arguments& arguments, const std::string& scene, std::uint64
   if (arguments.width > 0) asked.size = simulator::ImageSize{arguments.width, arguments.height};
   if (arguments.rate_hz > 0.0) asked.rate_hz = arguments.rate_hz;
   if (arguments.duration_s > 0.0) asked.duration_s = arguments.duration_s;
-  const auto made = simulator::Simulation::create(asked, simulator::Ending::kOfTheScene);
+  const auto made = simulator::Simulation::create(asked, arguments.there_and_back
+                                                             ? simulator::Ending::kClosedLoop
+                                                             : simulator::Ending::kOfTheScene);
   if (!made) return made.error();
   const simulator::Simulation& simulation = **made;
   slam::Options options;
@@ -204,6 +232,8 @@ Status runOnce(const Arguments& arguments, const std::string& scene, std::uint64
     follower.add(time_s, result, simulation.poseAt(k), *T_w_scene,
                  byMarker(slam.map(), simulation, last_marker).value_or(*T_w_scene));
   }
+  slam.finish();
+  addMap(slam.map(), simulation, report);
   return success();
 }
 
@@ -221,6 +251,11 @@ double rms(const std::vector<double>& values) {
 
 double largest(const std::vector<double>& values) {
   return values.empty() ? 0.0 : *std::ranges::max_element(values);
+}
+
+double largestSize(std::vector<double> values) {
+  for (double& value : values) value = std::abs(value);
+  return largest(values);
 }
 
 void printInto(const Report& report) {
@@ -278,6 +313,11 @@ void print(const std::string& scene, Report report, bool every_gap) {
       report.cpu_ms[frames * 99 / 100], report.cpu_ms.back());
   printInto(report);
   if (!report.gaps.empty()) printEnds(report);
+  std::printf(
+      "  live maps: %d of %d markers, distance of the farthest two off by %.1f mm rms, worst "
+      "%.1f\n",
+      report.mapped, report.markers, rms(report.distance_errors_mm),
+      largestSize(report.distance_errors_mm));
   for (const Gap& gap : report.gaps) {
     if (!every_gap) break;
     std::printf("    %.2f to %.2f s, %.2f m: %d of %d frames", gap.begin_s, gap.end_s, gap.way_m,
@@ -328,6 +368,8 @@ int main(int argc, char** argv) {
       ->check(CLI::PositiveNumber);
   app.add_option("--duration", arguments.duration_s, "Seconds; without it the scene's")
       ->check(CLI::PositiveNumber);
+  app.add_flag("--there-and-back", arguments.there_and_back,
+               "End where it began, in the scene's own time for both ways");
   app.add_flag("--every-gap", arguments.every_gap, "A line for each");
   if (const auto exit_code = bench::parse(app, argc, argv)) return *exit_code;
   if (arguments.width > 0 && arguments.height == 0) {
