@@ -81,6 +81,16 @@ const std::vector<SceneKind>& kinds() {
        2,
        true,
        buildDolly},
+      {{"corridor",
+        "25 m of corridor with a corner, there and back; a marker every 9 m, wide lens"},
+       kVga,
+       30.0,
+       kCorridorWay_s,
+       0.20,
+       4,
+       true,
+       buildCorridor,
+       12},
   };
   return all;
 }
