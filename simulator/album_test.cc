@@ -86,5 +86,17 @@ TEST_F(AlbumTest, SaysWhatIsWrongInOneLine) {
             (directory_ / "a.png").string() + ": is no image that can be read");
 }
 
+TEST_F(AlbumTest, ASceneSaysThatItsPicturesAreTooFew) {
+  save("a.png", 300, 400, 150, 400);
+  Options options;
+  options.scene = "office";
+  options.pictures = directory_.path();
+  const auto scene = buildScene(options, Ending::kOfTheScene);
+  ASSERT_FALSE(scene.ok());
+  EXPECT_NE(scene.error().message.find("give 1 pictures"), std::string::npos);
+  options.scene = "walls";  // needs none
+  EXPECT_TRUE(buildScene(options, Ending::kOfTheScene).ok());
+}
+
 }  // namespace
 }  // namespace waymark::simulator

@@ -91,6 +91,15 @@ const std::vector<SceneKind>& kinds() {
        true,
        buildCorridor,
        12},
+      {{"office", "an office with markers on one wall; once round, away from them for 14 s"},
+       kVga,
+       30.0,
+       kOfficeWay_s,
+       0.15,
+       3,
+       false,
+       buildOffice,
+       10},
   };
   return all;
 }
