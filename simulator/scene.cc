@@ -100,6 +100,15 @@ const std::vector<SceneKind>& kinds() {
        false,
        buildOffice,
        10},
+      {{"trouble", "the office, with darkness, a passer-by, moving walls, a blur, a stop, a turn"},
+       kVga,
+       30.0,
+       kTroubleWay_s,
+       0.15,
+       4,
+       false,
+       buildTrouble,
+       10},
   };
   return all;
 }
