@@ -3,6 +3,7 @@
 #pragma once
 
 #include <cstdint>
+#include <filesystem>
 #include <optional>
 #include <string>
 #include <vector>
@@ -56,6 +57,10 @@ struct Options {
   double exposure_s = 0.0;   // motion blur; 0 for a flash
   int exposure_samples = 8;  // instants averaged over the exposure; more is smoother and slower
   double readout_s = 0.0;    // rolling shutter: first row to last row; 0 for a global shutter
+
+  // Photographs (jpg, png) for what hangs in the scene, some of them by the seed; empty: posters
+  // are made up.
+  std::filesystem::path pictures;
 
   std::vector<Interval> blackouts;  // frames without light
   std::vector<Dimming> dimmings;

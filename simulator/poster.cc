@@ -8,31 +8,10 @@
 #include <opencv2/imgproc.hpp>
 
 #include "simulator/random.h"
+#include "simulator/smooth_noise.h"
 
 namespace waymark::simulator {
 namespace {
-
-// Smooth noise: random values `wavelength` pixels apart, interpolated by cubics.
-cv::Mat smoothNoise(const cv::Size& size, double wavelength, double amplitude, Random* random) {
-  cv::Mat lattice(std::max(2, static_cast<int>(size.height / wavelength) + 2),
-                  std::max(2, static_cast<int>(size.width / wavelength) + 2), CV_32F);
-  for (int i = 0; i < static_cast<int>(lattice.total()); ++i) {
-    lattice.at<float>(i) = static_cast<float>(random->uniform(-amplitude, amplitude));
-  }
-  cv::Mat noise;
-  cv::resize(lattice, noise, size, 0.0, 0.0, cv::INTER_CUBIC);
-  return noise;
-}
-
-// All octaves from `longest` down to 3 pixels, each with `fall` of the one before.
-cv::Mat clouds(const cv::Size& size, double longest, double amplitude, double fall,
-               Random* random) {
-  cv::Mat sum = cv::Mat::zeros(size, CV_32F);
-  for (double wavelength = longest; wavelength > 3.0; wavelength *= 0.5, amplitude *= fall) {
-    sum += smoothNoise(size, wavelength, amplitude, random);
-  }
-  return sum;
-}
 
 std::string word(Random* random) {
   static constexpr const char* kSyllables[] = {"ba", "ko",  "ri", "mu",  "sel", "tan", "ver", "lo",

@@ -24,6 +24,7 @@ class PrintedImage {
     const int last = static_cast<int>(levels_.size()) - 1;
     return spacing > 1.0F ? std::min(last, static_cast<int>(std::lround(std::log2(spacing)))) : 0;
   }
+  [[nodiscard]] int levels() const { return static_cast<int>(levels_.size()); }
   // At (x, y) pixels from the top-left CORNER of the full-size picture; clamped at its edges.
   [[nodiscard]] float at(int level, float x, float y) const {
     const Level& l = levels_[static_cast<std::size_t>(level)];

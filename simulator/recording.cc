@@ -15,6 +15,7 @@
 
 #include "io/text/text_file.h"
 #include "io/trajectory.h"
+#include "simulator/natural_files.h"
 #include "simulator/simulation_json.h"
 #include "simulator/truth_files.h"
 
@@ -176,8 +177,9 @@ Status writeFrames(const Simulation& simulation, const RecordingOptions& options
 constexpr const char* kTruthFiles[] = {"calib.yml", "gt_traj.txt", "gt_map.json", "gt_visible.csv",
                                        "simulation.json"};
 
-void removeTruth(const fs::path& directory) {
+void removeTruth(const Simulation& simulation, const fs::path& directory) {
   std::error_code ignored;
+  removeNatural(directory, simulation.scene());
   for (const char* name : kTruthFiles) fs::remove(directory / name, ignored);
 }
 
@@ -189,7 +191,8 @@ Status writeTruth(const Simulation& simulation, const fs::path& directory) {
                                io::formatVisibleMarkers(trueVisibility(simulation)));
   }
   if (status) status = io::writeTextFile(directory / "simulation.json", optionsText(simulation));
-  if (!status) removeTruth(directory);
+  if (status) status = writeNatural(directory, simulation.scene());
+  if (!status) removeTruth(simulation, directory);
   return status;
 }
 
@@ -211,7 +214,7 @@ Status record(const Simulation& simulation, const RecordingOptions& options) {
   if (status) status = writeTruth(simulation, options.directory);
   if (status) {
     status = sink->keep();
-    if (!status) removeTruth(options.directory);
+    if (!status) removeTruth(simulation, options.directory);
   }
   sink.reset();
   if (status) directory.keep();

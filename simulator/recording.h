@@ -19,8 +19,8 @@ struct RecordingOptions {
 };
 
 // Writes the frames, calib.yml, gt_traj.txt, gt_map.json, gt_visible.csv and simulation.json (the
-// options used). On failure it leaves behind nothing of what it wrote; the Error names the file and
-// the reason.
+// options used); of scenes that have them the natural markers and targets (natural_files.h). On
+// failure it leaves behind nothing of what it wrote; the Error names the file and the reason.
 [[nodiscard]] Status record(const Simulation& simulation, const RecordingOptions& options);
 
 // The same without the frames: the truth alone, in moments.

@@ -154,7 +154,51 @@ float sampleMarker(const Gradient& u, const Gradient& v, const Gradient& w, floa
   return sum / kSamples;
 }
 
-// The same of a picture.
+// What a pixel covers of a picture, in the picture's own pixels: how its place there changes to the
+// next column and to the next row.
+struct Footprint {
+  Eigen::Vector2f by_column, by_row;
+
+  // (u, v) of the surface's plane are u / w and v / w; per_x and per_y picture pixels a metre.
+  Footprint(const Gradient& u, const Gradient& v, const Gradient& w, float per_x, float per_y) {
+    const float z = 1.0F / w.centre;
+    by_column = {(u.by_column - u.centre * z * w.by_column) * z * per_x,
+                 (v.by_column - v.centre * z * w.by_column) * z * per_y};
+    by_row = {(u.by_row - u.centre * z * w.by_row) * z * per_x,
+              (v.by_row - v.centre * z * w.by_row) * z * per_y};
+  }
+  [[nodiscard]] float area() const {
+    return std::abs(by_column.x() * by_row.y() - by_row.x() * by_column.y());
+  }
+};
+
+// The mean over a pixel of a picture that fills it: four samples along the longer side of what the
+// pixel covers, each reduced to the shorter one, between two levels.
+float sampleFilling(const PrintedImage& image, float x, float y, const Footprint& footprint) {
+  constexpr int kAlong = 4;
+  const float column_length = footprint.by_column.norm();
+  const float row_length = footprint.by_row.norm();
+  const float longer = std::max(column_length, row_length);
+  const Eigen::Vector2f step =
+      (column_length > row_length ? footprint.by_column : footprint.by_row) / kAlong;
+  const float shorter = footprint.area() / std::max(longer, 1e-6F);
+  const float level = std::log2(std::max({shorter, longer / kAlong, 1.0F}));
+  const int last = image.levels() - 1;
+  const int fine = std::min(static_cast<int>(level), last);
+  const int coarse = std::min(fine + 1, last);
+  const float part = std::min(level - static_cast<float>(fine), 1.0F);
+  float sum = 0.0F;
+  for (int k = 0; k < kAlong; ++k) {
+    const float along = static_cast<float>(k) - 0.5F * (kAlong - 1);
+    const float sx = x + along * step.x();
+    const float sy = y + along * step.y();
+    const float at_fine = image.at(fine, sx, sy);
+    sum += at_fine + part * (image.at(coarse, sx, sy) - at_fine);
+  }
+  return sum / kAlong;
+}
+
+// The same of a picture on paper.
 float samplePrint(const Gradient& u, const Gradient& v, const Gradient& w, const Print& print,
                   float behind) {
   const auto half_width = static_cast<float>(0.5 * print.width_m);
@@ -170,12 +214,8 @@ float samplePrint(const Gradient& u, const Gradient& v, const Gradient& w, const
     y[k] = v.at(k) * z;
   }
   // The picture's pixels between neighbouring samples: the pixel's area in them, by sixteen.
-  const float z = 1.0F / w.centre;
-  const float ux = (u.by_column - u.centre * z * w.by_column) * z * per_x;
-  const float uy = (u.by_row - u.centre * z * w.by_row) * z * per_x;
-  const float vx = (v.by_column - v.centre * z * w.by_column) * z * per_y;
-  const float vy = (v.by_row - v.centre * z * w.by_row) * z * per_y;
-  const int level = image.levelFor(std::sqrt(std::abs(ux * vy - uy * vx) / kSamples));
+  const Footprint footprint(u, v, w, per_x, per_y);
+  const int level = image.levelFor(std::sqrt(footprint.area() / kSamples));
   float sum = 0.0F;
   for (std::size_t k = 0; k < kSamples; ++k) {
     const bool hit = std::abs(x[k]) <= half_width && std::abs(y[k]) <= half_height;
@@ -198,9 +238,17 @@ Renderer::Renderer(const Scene& scene, std::uint64_t seed, RayTable rays)
       camera_(scene.camera),
       rays_(std::move(rays)),
       surfaces_(scene.surfaces),
+      has_images_(std::any_of(surfaces_.begin(), surfaces_.end(),
+                              [](const Surface& surface) { return surface.image != nullptr; })),
       prints_(scene.prints) {
   Random random(seed, 0x5041494e54);
-  for (const Surface& surface : surfaces_) textures_.emplace_back(surface, random.next());
+  for (Surface surface : surfaces_) {
+    // Below an image the least of a texture will do: nobody sees it.
+    if (surface.image != nullptr) {
+      surface.paint = {.patches_per_m2 = 0.0, .texel_m = 2.0 * surface.half_width_m};
+    }
+    textures_.emplace_back(surface, random.next());
+  }
 }
 
 void Renderer::render(const RowPoses& poses, std::span<const Marker> markers,
@@ -244,19 +292,22 @@ void Renderer::renderSurfaces(const RowPoses& poses, Workspace* workspace) const
   for (std::size_t i = 0; i < surfaces_.size(); ++i) {
     const Surface& s = surfaces_[i];
     const auto checks = samplePoses(poses);
-    const bool hidden = std::all_of(checks.begin(), checks.end(), [&](const slam::Transform* pose) {
-      return outOfView(corners(pose->inverse() * s.T_w_s, s.half_width_m, s.half_height_m),
-                       rays_.bounds());
-    });
+    const bool hidden =
+        !s.motion && std::all_of(checks.begin(), checks.end(), [&](const slam::Transform* pose) {
+          return outOfView(corners(pose->inverse() * s.T_w_s, s.half_width_m, s.half_height_m),
+                           rays_.bounds());
+        });
     if (!hidden) candidates.push_back(static_cast<int>(i));
   }
   for (int row = 0; row < rays_.height(); ++row) {
-    renderSurfaceRow(row, poses.at(row), candidates, workspace);
+    renderSurfaceRow(row, poses, candidates, workspace);
+    if (has_images_) renderImageRow(row, poses, candidates, workspace);
   }
 }
 
-void Renderer::renderSurfaceRow(int row, const slam::Transform& T_w_c,
-                                std::span<const int> candidates, Workspace* workspace) const {
+void Renderer::renderSurfaceRow(int row, const RowPoses& poses, std::span<const int> candidates,
+                                Workspace* workspace) const {
+  const slam::Transform& T_w_c = poses.at(row);
   const auto width = static_cast<std::size_t>(rays_.width());
   const float* const x = rays_.x(row);
   const float* const y = rays_.y(row);
@@ -271,7 +322,7 @@ void Renderer::renderSurfaceRow(int row, const slam::Transform& T_w_c,
 
   for (const int index : candidates) {
     const Surface& s = surfaces_[static_cast<std::size_t>(index)];
-    const slam::Transform T_s_c = s.T_w_s.inverse() * T_w_c;
+    const slam::Transform T_s_c = s.placeAt(poses.timeAt(row)).inverse() * T_w_c;
     if (std::abs(T_s_c.p.z()) < kInPlane) continue;
     const PlaneForms f(T_s_c);
     const float a[3] = {f.u_over_z[0], f.u_over_z[1], f.u_over_z[2]};
@@ -302,6 +353,45 @@ void Renderer::renderSurfaceRow(int row, const slam::Transform& T_w_c,
   for (std::size_t i = 0; i < width; ++i) {
     out[i] =
         surface[i] < 0 ? kNothing : textures_[static_cast<std::size_t>(surface[i])].at(u[i], v[i]);
+  }
+}
+
+void Renderer::renderImageRow(int row, const RowPoses& poses, std::span<const int> candidates,
+                              Workspace* workspace) const {
+  const int width = rays_.width();
+  const int* const surface = workspace->surface.data();
+  float* const out = workspace->radiance.row(row);
+  const float* const x = rays_.x(row);
+  const float* const y = rays_.y(row);
+  const int above = std::max(row - 1, 0);
+  const int below = std::min(row + 1, rays_.height() - 1);
+  const float per_row = 1.0F / static_cast<float>(below - above);
+  for (const int index : candidates) {
+    const Surface& s = surfaces_[static_cast<std::size_t>(index)];
+    if (s.image == nullptr) continue;
+    const slam::Transform T_s_c = s.placeAt(poses.timeAt(row)).inverse() * poses.at(row);
+    if (std::abs(T_s_c.p.z()) < kInPlane) continue;
+    const PlaneForms forms(T_s_c);
+    const auto half_width = static_cast<float>(s.half_width_m);
+    const auto half_height = static_cast<float>(s.half_height_m);
+    const float per_x = static_cast<float>(s.image->width()) / (2.0F * half_width);
+    const float per_y = static_cast<float>(s.image->height()) / (2.0F * half_height);
+    for (int i = 0; i < width; ++i) {
+      if (surface[i] != index) continue;
+      const int before = std::max(i - 1, 0);
+      const int after = std::min(i + 1, width - 1);
+      const float per_column = 1.0F / static_cast<float>(after - before);
+      Eigen::Matrix2f d_ray;
+      d_ray << per_column * (x[after] - x[before]),
+          per_row * (rays_.x(below)[i] - rays_.x(above)[i]), per_column * (y[after] - y[before]),
+          per_row * (rays_.y(below)[i] - rays_.y(above)[i]);
+      const Gradient w(forms.inverse_z, x[i], y[i], d_ray);
+      const Gradient u(forms.u_over_z, x[i], y[i], d_ray);
+      const Gradient v(forms.v_over_z, x[i], y[i], d_ray);
+      const float z = 1.0F / w.centre;
+      out[i] = sampleFilling(*s.image, (u.centre * z + half_width) * per_x,
+                             (half_height - v.centre * z) * per_y, {u, v, w, per_x, per_y});
+    }
   }
 }
 

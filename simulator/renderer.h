@@ -1,6 +1,7 @@
 // Light arriving at each pixel of one instant: rays against planes. Markers are sampled sixteen
 // times per pixel from their code, so that their edges are exact, and prints as often from their
-// picture; plain surfaces once.
+// picture; surfaces once from their paint, or four times along the longer side of the pixel from
+// their image, reduced to the shorter one.
 #pragma once
 
 #include <cstdint>
@@ -14,11 +15,15 @@
 
 namespace waymark::simulator {
 
-// Where the camera is while each row is read.
+// Where the camera is while each row is read, and when that is.
 struct RowPoses {
   // One for the whole image (global shutter), or one for each row of the ray table.
   std::vector<slam::Transform> T_w_c;
+  // Of the first row of the ray table, and from one row to the next; only what moves asks for it.
+  double first_s = 0.0;
+  double row_s = 0.0;
 
+  [[nodiscard]] double timeAt(int row) const { return first_s + row * row_s; }
   [[nodiscard]] const slam::Transform& at(int row) const {
     return T_w_c.size() == 1 ? T_w_c.front() : T_w_c[static_cast<std::size_t>(row)];
   }
@@ -67,8 +72,11 @@ class Renderer {
   Renderer(const Scene& scene, std::uint64_t seed, RayTable rays);
 
   void renderSurfaces(const RowPoses& poses, Workspace* workspace) const;
-  void renderSurfaceRow(int row, const slam::Transform& T_w_c, std::span<const int> candidates,
+  void renderSurfaceRow(int row, const RowPoses& poses, std::span<const int> candidates,
                         Workspace* workspace) const;
+  // The pixels of a row that look at surfaces with images.
+  void renderImageRow(int row, const RowPoses& poses, std::span<const int> candidates,
+                      Workspace* workspace) const;
   void renderMarker(const RowPoses& poses, const Marker& marker, Workspace* workspace) const;
   void renderPrint(const RowPoses& poses, const Print& print, Workspace* workspace) const;
   // Each pixel that looks at a paper's front, nothing in between: sample(u, v, w, behind) says what
@@ -82,6 +90,7 @@ class Renderer {
   RayTable rays_;
   std::vector<Surface> surfaces_;
   std::vector<Texture> textures_;  // one for each surface
+  bool has_images_;                // some surface does
   std::vector<Print> prints_;
 };
 

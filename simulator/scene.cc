@@ -81,6 +81,52 @@ const std::vector<SceneKind>& kinds() {
        2,
        true,
        buildDolly},
+      {{"corridor",
+        "25 m of corridor with a corner, there and back; a marker every 9 m, wide lens"},
+       kVga,
+       30.0,
+       kCorridorWay_s,
+       0.20,
+       4,
+       true,
+       buildCorridor,
+       12},
+      {{"office", "an office with markers on one wall; once round, away from them for 14 s"},
+       kVga,
+       30.0,
+       kOfficeWay_s,
+       0.15,
+       3,
+       false,
+       buildOffice,
+       10},
+      {{"trouble", "the office, with darkness, a passer-by, moving walls, a blur, a stop, a turn"},
+       kVga,
+       30.0,
+       kTroubleWay_s,
+       0.15,
+       4,
+       false,
+       buildTrouble,
+       10},
+      {{"table",
+        "eleven objects on a table, pictures as natural markers 0.4 to 2 m from its middle"},
+       kVga,
+       30.0,
+       kTableWay_s,
+       0.12,
+       0,
+       false,
+       buildTable,
+       25},
+      {{"table_fiducials", "the same with markers in place of the pictures"},
+       kVga,
+       30.0,
+       kTableWay_s,
+       0.12,
+       6,
+       false,
+       buildTableFiducials},
   };
   return all;
 }
@@ -125,7 +171,9 @@ Marker* findMarker(Scene* scene, int id) {
 
 Status checkMarkers(const Options& options, Scene* scene) {
   const std::string there_are =
-      "the scene's ids are 0 to " + std::to_string(static_cast<int>(scene->markers.size()) - 1);
+      scene->markers.empty()
+          ? "the scene has none"
+          : "the scene's ids are 0 to " + std::to_string(scene->markers.size() - 1);
   if (options.moved_marker && findMarker(scene, options.moved_marker->id) == nullptr) {
     return Error{"no marker " + std::to_string(options.moved_marker->id) +
                  " to move: " + there_are};
@@ -185,10 +233,13 @@ Result<Scene> buildScene(const Options& options, Ending ending) {
               .markers = {},
               .prints = {},
               .trajectory = {}};
+  Result<Album> album = Album::open(options.pictures, options.seed, kind->pictures);
+  if (!album) return album.error();
   kind->build({.scene = &scene,
                .seed = options.seed,
                .marker_size_m = options.marker_size_m.value_or(kind->marker_size_m),
-               .closed_loop = ending == Ending::kClosedLoop});
+               .closed_loop = ending == Ending::kClosedLoop,
+               .album = &*album});
   if (Status status = checkMarkers(options, &scene); !status) return status.error();
   if (options.doubled_id) doubleMarker(*options.doubled_id, &scene);
   return scene;
@@ -271,6 +322,18 @@ void hangRow(const Build& build, const Surface& surface, int count, double low_m
 
 OpenProgress::OpenProgress(const Build& build)
     : duration_s_(build.scene->duration_s), there_and_back_(build.closed_loop) {}
+
+WayTime::WayTime(const Build& build, double way_s)
+    : way_s_(way_s), duration_s_(build.scene->duration_s), closed_loop_(build.closed_loop) {}
+
+double WayTime::at(double time_s) const {
+  if (!closed_loop_) return time_s;
+  // A duration in frames is not the way's to the last bit.
+  const double ways = std::floor(duration_s_ / way_s_ + 1e-6);
+  if (ways >= 1.0) return time_s * ways * way_s_ / duration_s_;
+  const double radians_per_s = 2.0 * std::numbers::pi / duration_s_;
+  return (1.0 - std::cos(radians_per_s * time_s)) / radians_per_s;
+}
 
 double OpenProgress::at(double time_s) const {
   const double s = time_s / duration_s_;

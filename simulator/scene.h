@@ -3,12 +3,15 @@
 #pragma once
 
 #include <cstdint>
+#include <functional>
 #include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
 #include "base/result.h"
 #include "simulator/options.h"
+#include "simulator/poster.h"
 #include "simulator/printed_image.h"
 #include "simulator/trajectory.h"
 #include "slam/detection/codes/dictionary.h"
@@ -33,6 +36,15 @@ struct Surface {
   double half_width_m = 0.0;
   double half_height_m = 0.0;
   Paint paint;
+  // Where there is one, it covers the surface from edge to edge, instead of the paint. On the back
+  // it is seen as through glass.
+  std::shared_ptr<const PrintedImage> image;
+  // T_w_s of a surface that moves; empty: it stays where it is.
+  Trajectory motion;
+
+  [[nodiscard]] slam::Transform placeAt(double time_s) const {
+    return motion ? motion(time_s) : T_w_s;
+  }
 };
 
 // A printed marker: the black square of `size_m` within a white margin of one cell. It is seen from
@@ -51,6 +63,33 @@ struct Print {
   slam::Transform T_w_p;  // origin at its centre, x right, y up, z out of the print
 };
 
+// A picture that users would know as a natural marker.
+struct NaturalPicture {
+  std::string name;
+  PosterImage picture;
+  double width_m = 0.0;
+  double height_m = 0.0;
+  std::optional<slam::Transform> T_w_m{};  // empty: it hangs nowhere in the scene
+};
+
+// A point whose place is known exactly.
+struct Target {
+  std::string name;
+  Eigen::Vector3d p_w = Eigen::Vector3d::Zero();  // metres
+};
+
+// What the image suffers at a moment, beside what the options ask for.
+struct Disturbance {
+  double light = 1.0;     // 1 in full light, 0 in darkness
+  double smear_px = 0.0;  // a knock while exposing: how far the image moves along its rows
+};
+
+// What happens when, for whoever measures.
+struct Event {
+  std::string what;
+  Interval when;
+};
+
 struct Scene {
   std::string name;
   slam::Dictionary dictionary;
@@ -61,6 +100,12 @@ struct Scene {
   std::vector<Marker> markers;
   std::vector<Print> prints;
   Trajectory trajectory;
+  // Most scenes have none of these.
+  std::vector<NaturalPicture> natural{};
+  std::vector<Target> targets{};
+  std::vector<Event> events{};
+  std::function<Disturbance(double time_s)> disturbance{};
+  double largest_smear_px = 0.0;  // of all disturbances
 };
 
 // Every scene, with a line for people.

@@ -1,5 +1,6 @@
 // What the scenes' builders share. One file per family of scenes: scene_rooms.cc, scene_lab.cc,
-// scene_objects.cc, scene_dolly.cc.
+// scene_objects.cc, scene_dolly.cc, scene_corridor.cc, scene_office.cc, scene_trouble.cc,
+// scene_table.cc. What the last four furnish their rooms with: furniture.h.
 #pragma once
 
 #include <cstdint>
@@ -7,6 +8,7 @@
 
 #include <Eigen/Core>
 
+#include "simulator/album.h"
 #include "simulator/random.h"
 #include "simulator/scene.h"
 
@@ -18,6 +20,7 @@ struct Build {
   std::uint64_t seed;
   double marker_size_m;
   bool closed_loop;  // the trajectory must repeat after scene->duration_s
+  Album* album;      // what hangs on walls
 
   // Side of the paper: the black square and a white cell all round.
   [[nodiscard]] double paperSide() const {
@@ -35,7 +38,14 @@ struct SceneKind {
   int marker_count;
   bool wide_lens;
   void (*build)(const Build&);
+  int pictures = 0;  // that it takes from the album
 };
+
+// After so long these are where they began: their usual durations.
+inline constexpr double kCorridorWay_s = 67.0;
+inline constexpr double kOfficeWay_s = 36.0;
+inline constexpr double kTroubleWay_s = 72.0;
+inline constexpr double kTableWay_s = 66.0;
 
 void buildWalls(const Build& build);
 void buildCeiling(const Build& build);
@@ -45,6 +55,11 @@ void buildLab(const Build& build);
 void buildSheet(const Build& build);
 void buildBox(const Build& build);
 void buildDolly(const Build& build);
+void buildCorridor(const Build& build);
+void buildOffice(const Build& build);
+void buildTrouble(const Build& build);
+void buildTable(const Build& build);
+void buildTableFiducials(const Build& build);
 
 // A rectangle that faces `normal`, with `up` (perpendicular to it) as its y axis.
 [[nodiscard]] Surface makeSurface(const Eigen::Vector3d& centre, const Eigen::Vector3d& normal,
@@ -86,6 +101,21 @@ class OpenProgress {
  private:
   double duration_s_;
   bool there_and_back_;
+};
+
+// The time on a way that is at its beginning again after `way_s`, and is gone at its own speed
+// whatever the scene's duration: a shorter scene ends before, a longer one begins again. A closed
+// loop goes round in a whole number of ways, slower by less than a half; one that is too short for
+// that goes there and back over the first part.
+class WayTime {
+ public:
+  WayTime(const Build& build, double way_s);
+  [[nodiscard]] double at(double time_s) const;
+
+ private:
+  double way_s_;
+  double duration_s_;
+  bool closed_loop_;
 };
 
 }  // namespace waymark::simulator

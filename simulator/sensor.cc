@@ -97,4 +97,27 @@ void Sensor::develop(const Radiance& radiance, float light, std::uint64_t frame,
   }
 }
 
+int smearRadius(double length_px) {
+  return std::max(0, static_cast<int>(std::ceil(0.5 * (length_px - 1.0))));
+}
+
+void smearRows(double length_px, Radiance* radiance) {
+  const int radius = smearRadius(length_px);
+  if (radius == 0) return;
+  // Whole pixels, and at either end what is left of the length.
+  const auto whole = static_cast<float>(1.0 / length_px);
+  const auto end = static_cast<float>((0.5 * (length_px + 1.0) - radius) / length_px);
+  std::vector<float> row(static_cast<std::size_t>(radiance->width));
+  for (int y = 0; y < radiance->height; ++y) {
+    float* const out = radiance->row(y);
+    std::copy_n(out, radiance->width, row.begin());
+    for (int x = radius; x < radiance->width - radius; ++x) {
+      const float* const in = row.data() + x;
+      float sum = end * (in[-radius] + in[radius]);
+      for (int k = 1 - radius; k < radius; ++k) sum += whole * in[k];
+      out[x] = sum;
+    }
+  }
+}
+
 }  // namespace waymark::simulator

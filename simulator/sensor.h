@@ -38,4 +38,11 @@ class Sensor {
   std::vector<float> noise_;       // a long stretch of Gaussian noise; empty for none
 };
 
+// How far a smear reaches beyond a pixel.
+[[nodiscard]] int smearRadius(double length_px);
+
+// The light of each pixel along length_px of its row, evenly and centred: what a knock at the
+// camera does while it exposes. The outermost smearRadius() columns are left as they were.
+void smearRows(double length_px, Radiance* radiance);
+
 }  // namespace waymark::simulator

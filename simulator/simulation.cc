@@ -11,10 +11,11 @@ namespace waymark::simulator {
 namespace {
 
 // Is there a surface between the eye and the point? The point's own wall, a hair behind it, is not.
-bool occluded(const Scene& scene, const Eigen::Vector3d& eye, const Eigen::Vector3d& point) {
+bool occluded(const Scene& scene, double time_s, const Eigen::Vector3d& eye,
+              const Eigen::Vector3d& point) {
   constexpr double kSame = 0.9999;  // of the way from the eye to the point
   return std::any_of(scene.surfaces.begin(), scene.surfaces.end(), [&](const Surface& surface) {
-    const slam::Transform T_s_w = surface.T_w_s.inverse();
+    const slam::Transform T_s_w = surface.placeAt(time_s).inverse();
     const Eigen::Vector3d from = T_s_w * eye;
     const Eigen::Vector3d to = T_s_w * point;
     const double s = from.z() / (from.z() - to.z());
@@ -31,8 +32,8 @@ Result<std::unique_ptr<const Simulation>> Simulation::create(const Options& opti
   Result<Scene> scene = buildScene(options, ending);
   if (!scene) return scene.error();
   // One pixel more than the blur needs: its outermost rays only give slopes.
-  Result<Renderer> renderer =
-      Renderer::create(*scene, options.seed, Sensor::blurRadius(options) + 1);
+  const int margin = Sensor::blurRadius(options) + 1 + smearRadius(scene->largest_smear_px);
+  Result<Renderer> renderer = Renderer::create(*scene, options.seed, margin);
   if (!renderer) return renderer.error();
   return std::unique_ptr<const Simulation>(
       new Simulation(options, std::move(*scene), std::move(*renderer)));
@@ -68,7 +69,7 @@ std::vector<Marker> Simulation::visibleMarkers(std::int64_t frame) const {
     const bool whole = std::all_of(corners.begin(), corners.end(), [&](const Eigen::Vector3d& p_m) {
       const Eigen::Vector3d p_w = marker.T_w_m * p_m;
       const auto pixel = camera.project(T_w_c.inverse() * p_w);
-      return pixel && camera.inImage(*pixel) && !occluded(scene_, T_w_c.p, p_w);
+      return pixel && camera.inImage(*pixel) && !occluded(scene_, timeOf(frame), T_w_c.p, p_w);
     });
     if (whole) visible.push_back(marker);
   }
@@ -77,12 +78,15 @@ std::vector<Marker> Simulation::visibleMarkers(std::int64_t frame) const {
 
 RowPoses Simulation::rowPoses(double mid_time_s) const {
   RowPoses poses;
+  poses.first_s = mid_time_s;
   if (options_.readout_s == 0.0) {
     poses.T_w_c.push_back(scene_.trajectory(mid_time_s));
     return poses;
   }
   const int margin = renderer_.rays().margin();
   const int last = scene_.camera.height - 1;
+  poses.row_s = options_.readout_s / last;
+  poses.first_s -= (margin + 0.5 * last) * poses.row_s;
   for (int row = -margin; row <= last + margin; ++row) {
     const double part = static_cast<double>(row) / last - 0.5;
     poses.T_w_c.push_back(scene_.trajectory(mid_time_s + part * options_.readout_s));
@@ -90,11 +94,15 @@ RowPoses Simulation::rowPoses(double mid_time_s) const {
   return poses;
 }
 
+Disturbance Simulation::disturbanceAt(double time_s) const {
+  return scene_.disturbance ? scene_.disturbance(time_s) : Disturbance{};
+}
+
 float Simulation::lightAt(double time_s) const {
   for (const Interval& blackout : options_.blackouts) {
     if (blackout.contains(time_s)) return 0.0F;
   }
-  double light = 1.0;
+  double light = disturbanceAt(time_s).light;
   for (const Dimming& dimming : options_.dimmings) {
     if (dimming.when.contains(time_s)) light *= dimming.factor;
   }
@@ -117,9 +125,10 @@ void Simulation::render(std::int64_t frame, Workspace* workspace, std::uint8_t* 
                      workspace->sum.pixels.begin(), std::plus<>());
     }
   }
-  sensor_.develop(samples == 1 ? light : workspace->sum,
-                  lightAt(time) / static_cast<float>(samples), static_cast<std::uint64_t>(frame),
-                  &workspace->sensor, pixels);
+  Radiance& exposed = samples == 1 ? light : workspace->sum;
+  smearRows(disturbanceAt(time).smear_px, &exposed);
+  sensor_.develop(exposed, lightAt(time) / static_cast<float>(samples),
+                  static_cast<std::uint64_t>(frame), &workspace->sensor, pixels);
 }
 
 }  // namespace waymark::simulator

@@ -46,8 +46,11 @@ class Simulation {
   [[nodiscard]] const std::vector<Marker>& markers() const { return scene_.markers; }
   [[nodiscard]] std::vector<Marker> markersAt(std::int64_t frame) const;
 
-  // Within a blackout, or dimmed to nothing.
-  [[nodiscard]] bool isDark(std::int64_t frame) const { return lightAt(timeOf(frame)) <= 0.0F; }
+  // Within a blackout, or dimmed to next to nothing.
+  [[nodiscard]] bool isDark(std::int64_t frame) const {
+    constexpr float kDark = 0.03F;  // what is white has grey level 6 then
+    return lightAt(timeOf(frame)) <= kDark;
+  }
 
   // Markers whose paper is wholly in the image, facing the camera, with nothing in between.
   [[nodiscard]] std::vector<Marker> visibleMarkers(std::int64_t frame) const;
@@ -60,6 +63,7 @@ class Simulation {
   Simulation(const Options& options, Scene scene, Renderer renderer);
 
   [[nodiscard]] RowPoses rowPoses(double mid_time_s) const;
+  [[nodiscard]] Disturbance disturbanceAt(double time_s) const;
   // 1 in full light, 0 in a blackout.
   [[nodiscard]] float lightAt(double time_s) const;
 

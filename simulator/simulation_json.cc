@@ -3,6 +3,14 @@
 #include <nlohmann/json.hpp>
 
 namespace waymark::simulator {
+namespace {
+
+// 0 where there are none.
+double markerSize(const Scene& scene) {
+  return scene.markers.empty() ? 0.0 : scene.markers.front().size_m;
+}
+
+}  // namespace
 
 std::string optionsText(const Simulation& simulation) {
   const Options& o = simulation.options();
@@ -15,7 +23,7 @@ std::string optionsText(const Simulation& simulation) {
                                  {"duration_s", scene.duration_s},
                                  {"frames", simulation.frameCount()},
                                  {"dictionary", scene.dictionary.name()},
-                                 {"marker_size_m", scene.markers.front().size_m},
+                                 {"marker_size_m", markerSize(scene)},
                                  {"markers", scene.markers.size()},
                                  {"psf_sigma_px", o.psf_sigma_px},
                                  {"noise_sigma", o.noise_sigma},
@@ -38,6 +46,11 @@ std::string optionsText(const Simulation& simulation) {
     json["moved_marker"] = {{"id", o.moved_marker->id},
                             {"at_s", o.moved_marker->at_s},
                             {"offset_m", {offset.x(), offset.y(), offset.z()}}};
+  }
+  if (!o.pictures.empty()) json["pictures"] = o.pictures.string();
+  for (const Event& event : scene.events) {
+    json["events"].push_back(
+        {{"what", event.what}, {"begin_s", event.when.begin_s}, {"end_s", event.when.end_s}});
   }
   if (o.doubled_id) json["doubled_id"] = *o.doubled_id;
   return json.dump(1) + "\n";

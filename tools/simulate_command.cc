@@ -132,6 +132,8 @@ void addOptions(CLI::App* command, Arguments* a) {
       ->capture_default_str();
   command->add_option("--readout", o.readout_s, "Rolling shutter, first to last row, seconds")
       ->capture_default_str();
+  command->add_option("--pictures", o.pictures,
+                      "Directory of photographs (jpg, png) that hang in the scene; else posters");
   command->add_option("--blackout", a->blackouts, "No light from BEGIN to END seconds, BEGIN:END");
   command->add_option("--dim", a->dimmings, "Less light for a while, BEGIN:END:FACTOR");
   command->add_option("--move", a->moved,
