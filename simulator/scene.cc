@@ -105,7 +105,7 @@ const std::vector<SceneKind>& kinds() {
        30.0,
        kTroubleWay_s,
        0.15,
-       4,
+       3,
        false,
        buildTrouble,
        10},

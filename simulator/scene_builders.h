@@ -44,7 +44,7 @@ struct SceneKind {
 // After so long these are where they began: their usual durations.
 inline constexpr double kCorridorWay_s = 67.0;
 inline constexpr double kOfficeWay_s = 36.0;
-inline constexpr double kTroubleWay_s = 72.0;
+inline constexpr double kTroubleWay_s = 76.0;
 inline constexpr double kTableWay_s = 66.0;
 
 void buildWalls(const Build& build);
