@@ -88,5 +88,46 @@ TEST(Renderer, PrintsHangWhereTheyAre) {
   for (const float light : workspace.radiance.pixels) EXPECT_EQ(light, 90.0F);
 }
 
+// A sheet before a dark wall, turned a little in the image: how far its edge reaches into each row
+// is what the truth says, not a whole number of pixels.
+TEST(Renderer, OutlinesAreNoStairs) {
+  const std::vector<std::uint8_t> white(4, 255);
+  const auto image = [&white](double light) {
+    return std::make_shared<PrintedImage>(ImageView{white.data(), 2, 2, 2}, 0.0, light);
+  };
+  Scene scene{.name = "outline",
+              .dictionary = *slam::Dictionary::byName("4X4_50"),
+              .camera = {.width = 320, .height = 240, .fx = 250, .fy = 250, .cx = 160, .cy = 118},
+              .surfaces = {},
+              .markers = {},
+              .prints = {},
+              .trajectory = {}};
+  Surface wall{.half_width_m = 3.0, .half_height_m = 3.0, .image = image(40.0)};
+  wall.T_w_s.p = {0.0, 0.0, 2.0};
+  Surface sheet{.half_width_m = 0.2, .half_height_m = 0.2, .image = image(240.0)};
+  sheet.T_w_s.p = {0.0, 0.0, 1.0};
+  sheet.T_w_s.R = slam::expSo3({0.0, 0.2, 0.1});
+  scene.surfaces = {wall, sheet};
+  constexpr int kMargin = 2;
+  const auto renderer = Renderer::create(scene, 1, kMargin);
+  ASSERT_TRUE(renderer);
+  Renderer::Workspace workspace;
+  renderer->render({{slam::Transform{}}}, {}, &workspace);
+
+  const slam::CameraModel camera(scene.camera);
+  const auto top = camera.project(sheet.T_w_s * Eigen::Vector3d(0.2, -0.15, 0.0));
+  const auto bottom = camera.project(sheet.T_w_s * Eigen::Vector3d(0.2, 0.15, 0.0));
+  ASSERT_TRUE(top && bottom);
+  ASSERT_GT(bottom->y() - top->y(), 50.0);
+  for (int row = static_cast<int>(top->y()) + 1; row < static_cast<int>(bottom->y()); ++row) {
+    double bright = 0.0;  // columns, from the image's middle on
+    const float* const pixels = workspace.radiance.row(row + kMargin) + kMargin;
+    for (int column = 160; column < 320; ++column) bright += (pixels[column] - 40.0) / 200.0;
+    const double share = (row - top->y()) / (bottom->y() - top->y());
+    const double edge = top->x() + share * (bottom->x() - top->x());
+    EXPECT_NEAR(bright, edge - 159.5, 0.07) << row;
+  }
+}
+
 }  // namespace
 }  // namespace waymark::simulator

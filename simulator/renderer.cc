@@ -5,6 +5,7 @@
 #include <cmath>
 #include <utility>
 
+#include "simulator/pixel_on_plane.h"
 #include "simulator/plane_forms.h"
 #include "simulator/random.h"
 
@@ -12,26 +13,6 @@ namespace waymark::simulator {
 namespace {
 
 constexpr float kNothing = 90.0F;  // grey level where a ray meets no surface
-constexpr int kSamples = 16;       // per pixel of a marker, 4 x 4
-
-// Sixteen places in a pixel, relative to its centre: a 4 x 4 grid sheared so that no two share a
-// row or a column. An edge along the pixels is then resolved to 1/16 px. The pattern is its own
-// mirror image through the centre.
-struct SamplePattern {
-  std::array<float, kSamples> x{};
-  std::array<float, kSamples> y{};
-
-  constexpr SamplePattern() {
-    for (std::size_t i = 0; i < 4; ++i) {
-      for (std::size_t j = 0; j < 4; ++j) {
-        const std::size_t k = 4 * i + j;
-        x[k] = (static_cast<float>(i) + (static_cast<float>(j) + 0.5F) / 4.0F) / 4.0F - 0.5F;
-        y[k] = (static_cast<float>(j) + (static_cast<float>(3 - i) + 0.5F) / 4.0F) / 4.0F - 0.5F;
-      }
-    }
-  }
-};
-constexpr SamplePattern kPattern;
 
 std::array<Eigen::Vector3d, 4> corners(const slam::Transform& T_c_s, double half_x, double half_y) {
   return {T_c_s * Eigen::Vector3d(-half_x, half_y, 0.0),
@@ -115,21 +96,6 @@ struct MarkerPaper {
   [[nodiscard]] std::size_t index(int row, int column) const {
     const int cell = row * cells + column;
     return static_cast<std::size_t>(cell);
-  }
-};
-
-// A value at the middle of a pixel and its change to the neighbouring pixels.
-struct Gradient {
-  float centre, by_column, by_row;
-
-  Gradient(const Eigen::Vector3f& form, float x, float y, const Eigen::Matrix2f& d_ray)
-      : centre(form[0] * x + form[1] * y + form[2]),
-        by_column(form[0] * d_ray(0, 0) + form[1] * d_ray(1, 0)),
-        by_row(form[0] * d_ray(0, 1) + form[1] * d_ray(1, 1)) {}
-
-  [[nodiscard]] float reach() const { return 0.5F * (std::abs(by_column) + std::abs(by_row)); }
-  [[nodiscard]] float at(std::size_t sample) const {
-    return centre + by_column * kPattern.x[sample] + by_row * kPattern.y[sample];
   }
 };
 
@@ -259,7 +225,7 @@ void Renderer::render(const RowPoses& poses, std::span<const Marker> markers,
   workspace->radiance.height = rays_.height();
   workspace->radiance.pixels.resize(count);
   workspace->inverse_depth.resize(count);
-  workspace->surface.resize(width);
+  workspace->surface.resize(count);
   workspace->u.resize(width);
   workspace->v.resize(width);
 
@@ -303,6 +269,8 @@ void Renderer::renderSurfaces(const RowPoses& poses, Workspace* workspace) const
     renderSurfaceRow(row, poses, candidates, workspace);
     if (has_images_) renderImageRow(row, poses, candidates, workspace);
   }
+  if (!has_images_) return;
+  for (int row = 1; row + 1 < rays_.height(); ++row) renderOutlineRow(row, poses, workspace);
 }
 
 void Renderer::renderSurfaceRow(int row, const RowPoses& poses, std::span<const int> candidates,
@@ -312,7 +280,7 @@ void Renderer::renderSurfaceRow(int row, const RowPoses& poses, std::span<const 
   const float* const x = rays_.x(row);
   const float* const y = rays_.y(row);
   float* const nearest = workspace->inverse_depth.data() + static_cast<std::size_t>(row) * width;
-  int* const surface = workspace->surface.data();
+  int* const surface = workspace->surface.data() + static_cast<std::size_t>(row) * width;
   float* const u = workspace->u.data();
   float* const v = workspace->v.data();
   std::fill_n(nearest, width, 0.0F);
@@ -359,40 +327,96 @@ void Renderer::renderSurfaceRow(int row, const RowPoses& poses, std::span<const 
 void Renderer::renderImageRow(int row, const RowPoses& poses, std::span<const int> candidates,
                               Workspace* workspace) const {
   const int width = rays_.width();
-  const int* const surface = workspace->surface.data();
+  const int* const surface =
+      workspace->surface.data() + static_cast<std::size_t>(row) * static_cast<std::size_t>(width);
   float* const out = workspace->radiance.row(row);
-  const float* const x = rays_.x(row);
-  const float* const y = rays_.y(row);
-  const int above = std::max(row - 1, 0);
-  const int below = std::min(row + 1, rays_.height() - 1);
-  const float per_row = 1.0F / static_cast<float>(below - above);
   for (const int index : candidates) {
     const Surface& s = surfaces_[static_cast<std::size_t>(index)];
     if (s.image == nullptr) continue;
     const slam::Transform T_s_c = s.placeAt(poses.timeAt(row)).inverse() * poses.at(row);
     if (std::abs(T_s_c.p.z()) < kInPlane) continue;
     const PlaneForms forms(T_s_c);
-    const auto half_width = static_cast<float>(s.half_width_m);
-    const auto half_height = static_cast<float>(s.half_height_m);
-    const float per_x = static_cast<float>(s.image->width()) / (2.0F * half_width);
-    const float per_y = static_cast<float>(s.image->height()) / (2.0F * half_height);
     for (int i = 0; i < width; ++i) {
       if (surface[i] != index) continue;
-      const int before = std::max(i - 1, 0);
-      const int after = std::min(i + 1, width - 1);
-      const float per_column = 1.0F / static_cast<float>(after - before);
-      Eigen::Matrix2f d_ray;
-      d_ray << per_column * (x[after] - x[before]),
-          per_row * (rays_.x(below)[i] - rays_.x(above)[i]), per_column * (y[after] - y[before]),
-          per_row * (rays_.y(below)[i] - rays_.y(above)[i]);
-      const Gradient w(forms.inverse_z, x[i], y[i], d_ray);
-      const Gradient u(forms.u_over_z, x[i], y[i], d_ray);
-      const Gradient v(forms.v_over_z, x[i], y[i], d_ray);
-      const float z = 1.0F / w.centre;
-      out[i] = sampleFilling(*s.image, (u.centre * z + half_width) * per_x,
-                             (half_height - v.centre * z) * per_y, {u, v, w, per_x, per_y});
+      const PixelOnPlane pixel(forms, rays_, i, row);
+      const float z = 1.0F / pixel.w.centre;
+      out[i] = sampleImage(s, pixel, pixel.u.centre * z, pixel.v.centre * z);
     }
   }
+}
+
+void Renderer::renderOutlineRow(int row, const RowPoses& poses, Workspace* workspace) const {
+  const int width = rays_.width();
+  const int* const surface = workspace->surface.data() + static_cast<std::ptrdiff_t>(row) * width;
+  float* const out = workspace->radiance.row(row);
+  std::vector<SurfaceInPixel>& there = workspace->outline;
+  for (int i = 1; i + 1 < width; ++i) {
+    const int middle = surface[i];
+    if (surface[i - 1] == middle && surface[i + 1] == middle && surface[i - width] == middle &&
+        surface[i + width] == middle) {
+      continue;
+    }
+    there.clear();
+    for (const int dy : {-1, 0, 1}) {
+      for (const int dx : {-1, 0, 1}) {
+        const int index = surface[i + dy * width + dx];
+        const auto same = [index](const SurfaceInPixel& other) { return other.index == index; };
+        if (index < 0 || std::any_of(there.begin(), there.end(), same)) continue;
+        const Surface& s = surfaces_[static_cast<std::size_t>(index)];
+        const slam::Transform T_s_c = s.placeAt(poses.timeAt(row)).inverse() * poses.at(row);
+        if (std::abs(T_s_c.p.z()) < kInPlane) continue;
+        there.push_back({index, PixelOnPlane(PlaneForms(T_s_c), rays_, i, row)});
+      }
+    }
+    out[i] = sampleOutline(there);
+  }
+}
+
+float Renderer::sampleImage(const Surface& s, const PixelOnPlane& pixel, float u, float v) {
+  const auto half_width = static_cast<float>(s.half_width_m);
+  const auto half_height = static_cast<float>(s.half_height_m);
+  const float per_x = static_cast<float>(s.image->width()) / (2.0F * half_width);
+  const float per_y = static_cast<float>(s.image->height()) / (2.0F * half_height);
+  return sampleFilling(*s.image, (u + half_width) * per_x, (half_height - v) * per_y,
+                       {pixel.u, pixel.v, pixel.w, per_x, per_y});
+}
+
+float Renderer::sampleOutline(std::span<SurfaceInPixel> there) const {
+  int nothing = 0;
+  for (std::size_t k = 0; k < kSamples; ++k) {
+    float nearest = 0.0F;
+    SurfaceInPixel* seen = nullptr;
+    for (SurfaceInPixel& candidate : there) {
+      const Surface& s = surfaces_[static_cast<std::size_t>(candidate.index)];
+      const float w = candidate.pixel.w.at(k);
+      if (w <= nearest ||
+          std::abs(candidate.pixel.u.at(k)) > static_cast<float>(s.half_width_m) * w ||
+          std::abs(candidate.pixel.v.at(k)) > static_cast<float>(s.half_height_m) * w) {
+        continue;
+      }
+      nearest = w;
+      seen = &candidate;
+    }
+    if (seen == nullptr) {
+      ++nothing;
+      continue;
+    }
+    ++seen->samples;
+    seen->u += seen->pixel.u.at(k) / nearest;
+    seen->v += seen->pixel.v.at(k) / nearest;
+  }
+  float sum = static_cast<float>(nothing) * kNothing;
+  for (const SurfaceInPixel& part : there) {
+    if (part.samples == 0) continue;
+    const auto index = static_cast<std::size_t>(part.index);
+    const auto samples = static_cast<float>(part.samples);
+    const float u = part.u / samples;
+    const float v = part.v / samples;
+    sum += samples * (surfaces_[index].image != nullptr
+                          ? sampleImage(surfaces_[index], part.pixel, u, v)
+                          : textures_[index].at(u, v));
+  }
+  return sum / kSamples;
 }
 
 void Renderer::renderMarker(const RowPoses& poses, const Marker& marker,
@@ -436,21 +460,11 @@ void Renderer::renderPaper(const RowPoses& poses, const slam::Transform& T_w_m, 
     const float* const depth =
         workspace->inverse_depth.data() + static_cast<std::size_t>(row) * width;
     float* const out = workspace->radiance.row(row);
-    const float* const x = rays_.x(row);
-    const float* const y = rays_.y(row);
-    const float* const x_above = rays_.x(row - 1);
-    const float* const y_above = rays_.y(row - 1);
-    const float* const x_below = rays_.x(row + 1);
-    const float* const y_below = rays_.y(row + 1);
     for (int i = box.x_begin; i < box.x_end; ++i) {
       // The lens is so nearly linear within a pixel that its derivative places the samples to
       // 0.0002 px.
-      Eigen::Matrix2f d_ray;
-      d_ray << 0.5F * (x[i + 1] - x[i - 1]), 0.5F * (x_below[i] - x_above[i]),
-          0.5F * (y[i + 1] - y[i - 1]), 0.5F * (y_below[i] - y_above[i]);
-      const Gradient w(forms.inverse_z, x[i], y[i], d_ray);
-      const Gradient u(forms.u_over_z, x[i], y[i], d_ray);
-      const Gradient v(forms.v_over_z, x[i], y[i], d_ray);
+      const PixelOnPlane pixel(forms, rays_, i, row);
+      const auto& [u, v, w] = pixel;
       const float nearest = w.centre + w.reach();
       if (w.centre <= w.reach() || std::abs(u.centre) - u.reach() > half_width * nearest ||
           std::abs(v.centre) - v.reach() > half_height * nearest) {

@@ -1,7 +1,8 @@
 // Light arriving at each pixel of one instant: rays against planes. Markers are sampled sixteen
 // times per pixel from their code, so that their edges are exact, and prints as often from their
 // picture; surfaces once from their paint, or four times along the longer side of the pixel from
-// their image, reduced to the shorter one.
+// their image, reduced to the shorter one. In scenes with images, the outlines of surfaces are
+// sampled sixteen times, too: stairs would be corners to whoever looks for some.
 #pragma once
 
 #include <cstdint>
@@ -9,6 +10,7 @@
 #include <vector>
 
 #include "base/result.h"
+#include "simulator/pixel_on_plane.h"
 #include "simulator/ray_table.h"
 #include "simulator/scene.h"
 #include "simulator/texture.h"
@@ -43,6 +45,15 @@ struct Radiance {
   }
 };
 
+// A surface that a pixel on an outline may show, and the samples that do.
+struct SurfaceInPixel {
+  int index;
+  PixelOnPlane pixel;
+  int samples = 0;
+  float u = 0.0F;  // their sums, metres on the surface
+  float v = 0.0F;
+};
+
 // Immutable once made: any number of threads may render, each with its own Workspace.
 class Renderer {
  public:
@@ -50,8 +61,9 @@ class Renderer {
   struct Workspace {
     Radiance radiance;                 // the result
     std::vector<float> inverse_depth;  // of the surface in each pixel, 1 / metres
-    std::vector<int> surface;          // of one row
+    std::vector<int> surface;          // in each pixel, -1 for none
     std::vector<float> u, v;           // of one row, metres on the surface
+    std::vector<SurfaceInPixel> outline;
   };
 
   static constexpr double kInk = 35.0;     // grey level of the print
@@ -77,6 +89,12 @@ class Renderer {
   // The pixels of a row that look at surfaces with images.
   void renderImageRow(int row, const RowPoses& poses, std::span<const int> candidates,
                       Workspace* workspace) const;
+  // The pixels of a row where surfaces meet.
+  void renderOutlineRow(int row, const RowPoses& poses, Workspace* workspace) const;
+  [[nodiscard]] float sampleOutline(std::span<SurfaceInPixel> there) const;
+  // Where a pixel is filled by a surface with an image, about (u, v) metres on it.
+  [[nodiscard]] static float sampleImage(const Surface& s, const PixelOnPlane& pixel, float u,
+                                         float v);
   void renderMarker(const RowPoses& poses, const Marker& marker, Workspace* workspace) const;
   void renderPrint(const RowPoses& poses, const Print& print, Workspace* workspace) const;
   // Each pixel that looks at a paper's front, nothing in between: sample(u, v, w, behind) says what
