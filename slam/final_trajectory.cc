@@ -111,15 +111,19 @@ std::optional<PoseEstimate> poseOfOneMarker(const PosesOfOneMarker& both,
   return pose;
 }
 
-// Frames between markers, whose poses were carried live (PoseSource::kNaturalFeatures): from one
-// frame with markers to the next one, the live poses, corrected by what the two ends turned out to
-// be off, the second one's share growing with the time.
+// Frames between markers, whose poses were carried live by natural features, and those whose
+// markers (a single one, far away) say less than the features did: from one frame with good markers
+// to the next one, the live poses, corrected by what the two ends turned out to be off, the second
+// one's share growing with the time.
 class GapFiller {
  public:
   GapFiller(std::span<const LiveFrame> frames, std::vector<std::optional<PoseEstimate>>* poses)
       : frames_(frames), poses_(*poses) {}
 
   void fill() {
+    for (std::size_t i = 0; i < frames_.size(); ++i) {
+      if (saysLessThanLive(i)) poses_[i].reset();
+    }
     std::optional<std::size_t> before;
     std::size_t i = 0;
     while (i < frames_.size()) {
@@ -131,7 +135,7 @@ class GapFiller {
       }
       std::size_t end = i;
       while (end < frames_.size() && wasCarried(end)) ++end;
-      if (before) fill(*before, i, end);
+      fill(before, i, end);
       before.reset();
       i = end;
     }
@@ -139,7 +143,17 @@ class GapFiller {
 
  private:
   [[nodiscard]] bool wasCarried(std::size_t i) const {
-    return !poses_[i] && frames_[i].pose && frames_[i].pose->source != PoseSource::kMarkers;
+    if (poses_[i] || !frames_[i].pose) return false;
+    return frames_[i].pose->source != PoseSource::kMarkers || frames_[i].pose->features_used > 0;
+  }
+  // By twice, as seen from what both rest on.
+  [[nodiscard]] bool saysLessThanLive(std::size_t i) const {
+    constexpr double kVarianceRatio = 4.0;
+    if (!poses_[i] || !frames_[i].pose || frames_[i].pose->features_used == 0) return false;
+    const auto variance = [](const PoseEstimate& pose) {
+      return pose.view_covariance.topLeftCorner<3, 3>().trace();
+    };
+    return variance(*poses_[i]) > kVarianceRatio * variance(*frames_[i].pose);
   }
   [[nodiscard]] bool hasBoth(std::size_t i) const { return poses_[i] && frames_[i].pose; }
   [[nodiscard]] double secondsBetween(std::size_t from, std::size_t to) const {
@@ -156,16 +170,19 @@ class GapFiller {
            movedOn(live.T_w_c, live.twist, secondsBetween(last, next)).inverse();
   }
 
-  void fill(std::size_t before, std::size_t begin, std::size_t end) {
-    const Transform at_begin = poses_[before]->T_w_c * frames_[before].pose->T_w_c.inverse();
+  // Where only one end is known, all of it is off by as much.
+  void fill(const std::optional<std::size_t>& before, std::size_t begin, std::size_t end) {
     const auto at_end = correctionAtEnd(end - 1);
+    if (!before && !at_end) return;
+    const Transform at_begin =
+        before ? poses_[*before]->T_w_c * frames_[*before].pose->T_w_c.inverse() : *at_end;
     for (std::size_t i = begin; i < end; ++i) {
       PoseEstimate pose = *frames_[i].pose;
       const Transform live = pose.T_w_c;
       pose.T_w_c = at_begin * live;
-      if (at_end) {
+      if (before && at_end) {
         // Between two known ends an error is as large as from the nearer one at most.
-        const double share = secondsBetween(before, i) / secondsBetween(before, end);
+        const double share = secondsBetween(*before, i) / secondsBetween(*before, end);
         const Vector6d apart = pose.T_w_c.localCoordinates(*at_end * live);
         pose.T_w_c = pose.T_w_c.retract(share * apart);
         pose.covariance = (1.0 - share) * pose.covariance + share * poses_[end]->covariance;

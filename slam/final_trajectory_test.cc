@@ -47,6 +47,20 @@ class FinalTrajectoryTest : public ::testing::Test {
     }
     return frames;
   }
+  // A pose that features carried live, off by `drift_m`, and more uncertain with the frames since
+  // then.
+  [[nodiscard]] static PoseEstimate carriedPose(int i, int frames_since, double drift_m) {
+    const double frame_s = 1.0 / 30.0;
+    PoseEstimate pose;
+    const Transform step = eyeAt(i).inverse() * eyeAt(i + 1);
+    pose.twist << step.p / frame_s, logSo3(step.R) / frame_s;
+    pose.T_w_c = eyeAt(i);
+    pose.T_w_c.p.x() += drift_m;
+    pose.covariance = pose.view_covariance = 1e-4 * frames_since * Matrix6d::Identity();
+    pose.source = PoseSource::kNaturalFeatures;
+    pose.features_used = 20;
+    return pose;
+  }
   [[nodiscard]] Slam makeSlam() const {
     return Slam(camera_, *Dictionary::byName("4X4_50"), options_, map_);
   }
@@ -144,15 +158,8 @@ TEST_F(FinalTrajectoryTest, BetweenMarkersBothEndsCorrectWhatWasCarried) {
   constexpr int kEnd = 60;
   constexpr double kDrift_m = 0.001;  // a frame
   const auto carry = [&](int i, LiveFrame* frame) {
-    const double frame_s = 1.0 / 30.0;
-    PoseEstimate pose;
-    const Transform step = eyeAt(i).inverse() * eyeAt(i + 1);
-    pose.twist << step.p / frame_s, logSo3(step.R) / frame_s;
-    pose.T_w_c = eyeAt(i);
-    pose.T_w_c.p.x() += kDrift_m * (i - kBegin + 1);
-    pose.covariance = pose.view_covariance = 1e-4 * (i - kBegin + 1) * Matrix6d::Identity();
-    pose.source = PoseSource::kNaturalFeatures;
-    frame->pose = pose;
+    const int since = i - kBegin + 1;
+    frame->pose = carriedPose(i, since, kDrift_m * since);
     frame->detections.clear();
   };
   Slam slam = makeSlam();
@@ -173,6 +180,35 @@ TEST_F(FinalTrajectoryTest, BetweenMarkersBothEndsCorrectWhatWasCarried) {
   const auto open = localizeAll(frames, {}, slam);
   ASSERT_TRUE(open[kEnd - 1].pose);
   EXPECT_NEAR((open[kEnd - 1].pose->T_w_c.p - eyeAt(kEnd - 1).p).norm(), 0.03, 0.008);
+}
+
+// The marker is still in view, but so badly that the features knew better.
+TEST_F(FinalTrajectoryTest, MarkersThatSayLessThanTheFeaturesDidAreLeftToThese) {
+  constexpr int kBegin = 30;
+  constexpr int kEnd = 60;
+  Slam slam = makeSlam();
+  auto frames = approach(0, kCount, &slam, 0.002);
+  std::mt19937 rng(4);
+  std::normal_distribution<double> noise(0.0, 2.0 / 520.0);
+  for (int i = kBegin; i < kEnd; ++i) {
+    LiveFrame& frame = frames[static_cast<std::size_t>(i)];
+    frame.pose = carriedPose(i, 1, 0.001);
+    frame.pose->source = PoseSource::kMarkers;
+    frame.pose->view_covariance = 1e-6 * Matrix6d::Identity();
+    for (MarkerDetection& detection : frame.detections) {
+      for (std::size_t k = 0; k < 4; ++k) {
+        detection.normalized[k] += Eigen::Vector2d(noise(rng), noise(rng));
+        detection.covariance[k] *= 1e6;
+      }
+    }
+  }
+  const auto all = localizeAll(frames, {}, slam);
+  for (int i = kBegin; i < kEnd; ++i) {
+    const auto& pose = all[static_cast<std::size_t>(i)].pose;
+    ASSERT_TRUE(pose) << i;
+    EXPECT_EQ(pose->features_used, 20) << i;
+    EXPECT_LT((pose->T_w_c.p - eyeAt(i).p).norm(), 0.008) << i;
+  }
 }
 
 TEST_F(FinalTrajectoryTest, FramesWithoutAPoseSayWhy) {
