@@ -19,11 +19,11 @@ struct PicturePrint {
   double width_m = 0.0;
   double height_m = 0.0;
   // Where somebody surveyed it, and how well: then the world is the survey's.
-  std::optional<Transform> T_w_m;
+  std::optional<Transform> T_w_m{};
   double sigma_m = 0.005;  // of each coordinate: a tape measure
   double sigma_rad = 0.01;
   // Points on the print (x right, y up, metres) that features may begin at.
-  std::vector<Eigen::Vector2d> points_m;
+  std::vector<Eigen::Vector2d> points_m{};
 };
 
 // Ids of pictures begin where no dictionary's end. They come from the name, so that a picture has

@@ -1,0 +1,112 @@
+// How far things that are known to be somewhere appear beside where an estimated pose puts them
+// (seed 2, table 1): the distance in the image between a target through the estimated pose and
+// through the true one.
+//
+//   targets DIRECTORY TRAJECTORY.tum
+//
+// DIRECTORY: of `waymark simulate table`. The trajectory's world is the scene's: surveyed natural
+// markers, or a map with the markers where they are.
+#include <algorithm>
+#include <cmath>
+#include <cstdint>
+#include <cstdio>
+#include <filesystem>
+#include <map>
+#include <string>
+#include <vector>
+
+#include <CLI/CLI.hpp>
+
+#include "io/calibrations/calibration_file.h"
+#include "io/text/json_node.h"
+#include "io/text/text_file.h"
+#include "io/trajectory.h"
+#include "slam/geometry/camera_model.h"
+#include "tests/bench/command_line.h"
+#include "tools/exit_code.h"
+
+namespace waymark::bench {
+namespace {
+
+namespace fs = std::filesystem;
+
+struct Target {
+  std::string name;
+  Eigen::Vector3d p_w;
+};
+
+Result<std::vector<Target>> readTargets(const fs::path& file) {
+  const Result<std::string> text = io::readTextFile(file);
+  if (!text) return text.error();
+  const Result<io::Json> json = io::parseJson(*text, file.string());
+  if (!json) return json.error();
+  std::string fault;
+  std::vector<Target> targets;
+  for (const io::JsonNode& node : io::JsonNode(*json, &fault).at("targets").elements()) {
+    targets.push_back({node.at("name").text(), node.at("p").point3()});
+  }
+  if (!fault.empty()) return Error{file.string() + ": " + fault};
+  return targets;
+}
+
+struct Errors {
+  std::vector<double> px;
+
+  void print(const std::string& name) const {
+    double mean = 0.0;
+    double squares = 0.0;
+    for (const double e : px) mean += e / static_cast<double>(px.size());
+    for (const double e : px) squares += (e - mean) * (e - mean) / static_cast<double>(px.size());
+    std::printf("  %-10s %6zu views: %.2f px, standard deviation %.2f, worst %.2f\n", name.c_str(),
+                px.size(), mean, std::sqrt(squares), *std::ranges::max_element(px));
+  }
+};
+
+Status compare(const fs::path& directory, const fs::path& trajectory) {
+  const auto calibration = io::readCalibration(directory / "calib.yml");
+  if (!calibration) return calibration.error();
+  const auto targets = readTargets(directory / "gt_targets.json");
+  if (!targets) return targets.error();
+  const auto truth = io::readTrajectory(directory / "gt_traj.txt");
+  if (!truth) return truth.error();
+  const auto estimate = io::readTrajectory(trajectory);
+  if (!estimate) return estimate.error();
+  const slam::CameraModel camera(*calibration);
+
+  std::map<std::string, Errors> of_target;
+  Errors all;
+  std::size_t frames = 0;
+  for (const io::StampedPose& pose : *estimate) {
+    const auto at =
+        std::ranges::lower_bound(*truth, pose.time_ns - 500'000, {}, &io::StampedPose::time_ns);
+    if (at == truth->end() || at->time_ns > pose.time_ns + 500'000) continue;
+    ++frames;
+    for (const Target& target : *targets) {
+      const auto expected = camera.project(at->T_w_c.inverse() * target.p_w);
+      const auto estimated = camera.project(pose.T_w_c.inverse() * target.p_w);
+      if (!expected || !camera.inImage(*expected, 0.0) || !estimated) continue;
+      const double px = (*estimated - *expected).norm();
+      of_target[target.name].px.push_back(px);
+      all.px.push_back(px);
+    }
+  }
+  std::printf("%zu of %zu frames have a pose\n", frames, truth->size());
+  for (const auto& [name, errors] : of_target) errors.print(name);
+  if (!all.px.empty()) all.print("all");
+  return success();
+}
+
+}  // namespace
+}  // namespace waymark::bench
+
+int main(int argc, char** argv) {
+  using namespace waymark;
+  std::string directory, trajectory;
+  CLI::App app{"Reprojection errors of known targets", "targets"};
+  app.add_option("directory", directory, "Of `waymark simulate table`")->required();
+  app.add_option("trajectory", trajectory, "TUM, in the scene's world")->required();
+  if (const auto exit_code = bench::parse(app, argc, argv)) return *exit_code;
+  const Status done = bench::compare(directory, trajectory);
+  if (!done) std::fprintf(stderr, "targets: %s\n", done.error().message.c_str());
+  return done ? tools::kDone : tools::kBadInput;
+}
