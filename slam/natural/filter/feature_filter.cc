@@ -6,7 +6,6 @@
 #include <Eigen/Cholesky>
 
 #include "base/vectorized.h"
-#include "slam/natural/filter/consensus.h"
 #include "slam/natural/filter/se3.h"
 #include "slam/option_checks.h"
 
@@ -93,13 +92,15 @@ std::string FeatureFilterOptions::invalidReason() const {
 FeatureFilter::FeatureFilter(const FeatureFilterOptions& options)
     : options_(options),
       state_(maxPoses(options), options.max_features),
-      update_(maxState(options), maxNumbers(options)) {
+      update_(maxState(options), maxNumbers(options)),
+      refuter_(options.max_features) {
   const auto features = static_cast<std::size_t>(std::max(options.max_features, 4));
   markers_seen_.reserve(static_cast<std::size_t>(options.max_markers));
   past_order_.reserve(static_cast<std::size_t>(options.max_past));
   measurements_.reserve(features);
   rows_.reserve(features);
   marked_.reserve(features);
+  excess_.reserve(features);
   kept_.reserve(2 * features);
   distances_.reserve(features);
   moved_.assign(static_cast<std::size_t>(maxState(options)), 0.0);
@@ -283,7 +284,8 @@ MarkerOutcome FeatureFilter::observeMarkers(std::span<const KnownMarker> markers
     measurements_.clear();
     for (std::size_t k = 0; k < 4; ++k) {
       measurements_.push_back({*place, -1, T_m_w * marker.corners_w[k],
-                               marker.detection->normalized[k], marker.detection->covariance[k]});
+                               marker.detection->normalized[k], marker.detection->covariance[k],
+                               marker.detection->covariance[k]});
     }
     linearizeAll(nullptr);
     if (rows_.size() < 4) {
@@ -320,13 +322,15 @@ std::optional<ExpectedFeature> FeatureFilter::expect(const CameraModel& camera, 
 void FeatureFilter::measure(const FeatureMatch& match) {
   const int pose = state_.features()[static_cast<std::size_t>(match.feature)].pose;
   measurements_.push_back({pose, match.feature, Eigen::Vector3d::Zero(), match.pixel,
-                           noise_scale_ * noise_scale_ * match.covariance});
+                           noise_scale_ * noise_scale_ * match.covariance,
+                           noise_scale_ * noise_scale_ * match.covariance_once});
 }
 
 bool FeatureFilter::fits(const CameraModel& camera, const FeatureMatch& match) const {
   const auto expected = expect(camera, match.feature);
   if (!expected) return false;
-  const Eigen::Matrix2d S = expected->covariance + noise_scale_ * noise_scale_ * match.covariance;
+  const Eigen::Matrix2d S =
+      expected->covariance + noise_scale_ * noise_scale_ * match.covariance_once;
   const Eigen::Vector2d r = match.pixel - expected->pixel;
   return r.dot(S.inverse() * r) <= options_.match_chi2;
 }
@@ -358,6 +362,10 @@ void FeatureFilter::believeMost(const CameraModel& camera, std::span<const Featu
   findConsensus(&update_.residual(0), &update_.innovationCovariance(0, 0),
                 update_.innovationStride(), count, options_.match_chi2, options_.hypotheses,
                 &marked_);
+  excess_.clear();
+  for (const Measurement& m : measurements_) excess_.push_back(m.noise - m.noise_once);
+  refuter_.refute(&update_.residual(0), &update_.innovationCovariance(0, 0),
+                  update_.innovationStride(), excess_, options_.match_chi2, &marked_);
   kept_.clear();
   std::size_t kept = 0;
   for (int i = 0; i < count; ++i) {

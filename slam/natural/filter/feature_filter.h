@@ -12,6 +12,7 @@
 
 #include "slam/camera_pose/known_marker.h"
 #include "slam/geometry/camera_model.h"
+#include "slam/natural/filter/consensus.h"
 #include "slam/natural/filter/filter_state.h"
 #include "slam/natural/filter/kalman_update.h"
 #include "slam/natural/filter/point_view.h"
@@ -59,6 +60,8 @@ struct FeatureMatch {
   int feature = -1;
   Eigen::Vector2d pixel = Eigen::Vector2d::Zero();
   Eigen::Matrix2d covariance = Eigen::Matrix2d::Zero();  // pixels^2
+  // Of its error in this frame alone: `covariance` is larger where that lasts for several.
+  Eigen::Matrix2d covariance_once = Eigen::Matrix2d::Zero();
   // Compared with what is expected, but not believed yet: a point that moves gives itself away
   // once it has gone further than a depth could explain, and has moved nothing until then.
   bool on_trial = false;
@@ -145,6 +148,7 @@ class FeatureFilter {
     Eigen::Vector3d p_s = Eigen::Vector3d::Zero();
     Eigen::Vector2d seen = Eigen::Vector2d::Zero();
     Eigen::Matrix2d noise = Eigen::Matrix2d::Zero();
+    Eigen::Matrix2d noise_once = Eigen::Matrix2d::Zero();
   };
   struct Row {
     int pose_at = 0;
@@ -193,6 +197,8 @@ class FeatureFilter {
   // Of the update under way.
   std::vector<Measurement> measurements_;
   std::vector<Row> rows_;
+  Refuter refuter_;
+  std::vector<Eigen::Matrix2d> excess_;
   std::vector<char> marked_;
   std::vector<int> kept_;
   std::vector<double> moved_;  // from where the update began

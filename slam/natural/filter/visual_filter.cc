@@ -49,6 +49,7 @@ std::string FeatureManagementOptions::invalidReason() const {
       {max_frames_outside >= 0, "max_frames_outside must not be negative"},
       {isShare(blind_share), "blind_share must be 0 to 1"},
       {isPositive(first_depth_m), "first_depth_m must be positive"},
+      {isPositive(depth_sigma_ratio), "depth_sigma_ratio must be positive"},
       {isPositive(search_sigmas), "search_sigmas must be positive"},
       {isPositive(max_search_px), "max_search_px must be positive"},
       {isNotNegative(systematic_s), "systematic_s must not be negative"},
@@ -155,9 +156,11 @@ double VisualFilter::systematicVariance(const Eigen::Matrix2d& now_from_anchor) 
                                   std::abs(std::sqrt(std::max(0.0, half - root)) - 1.0));
   const double sigma_px =
       options_.patches.systematic_px + options_.patches.systematic_per_stretch_px * stretch;
-  // White noise that averages as slowly as an error that lasts for systematic_s.
-  const double frames = frame_s_ > 0.0 ? 2.0 * options_.features.systematic_s / frame_s_ : 1.0;
-  return sigma_px * sigma_px * std::max(1.0, frames);
+  return sigma_px * sigma_px;
+}
+
+double VisualFilter::systematicFrames() const {
+  return frame_s_ > 0.0 ? std::max(1.0, 2.0 * options_.features.systematic_s / frame_s_) : 1.0;
 }
 
 std::optional<FeatureMatch> VisualFilter::find(const Candidate& candidate) const {
@@ -211,14 +214,15 @@ std::optional<FeatureMatch> VisualFilter::find(const Candidate& candidate) const
     if (!aligned) break;
     at = fromLevel(aligned->at, level);
     const double per_level = 1 << level;
-    match = FeatureMatch{candidate.feature, at, per_level * per_level * aligned->covariance,
-                         candidate.on_trial};
+    const Eigen::Matrix2d covariance = per_level * per_level * aligned->covariance;
+    match = FeatureMatch{candidate.feature, at, covariance, covariance, candidate.on_trial};
     measured_at = level;
   }
   if (match) {
     const double per_level = 1 << measured_at;
-    match->covariance +=
-        per_level * per_level * systematicVariance(now_from_anchor) * Eigen::Matrix2d::Identity();
+    const double variance = per_level * per_level * systematicVariance(now_from_anchor);
+    match->covariance_once += variance * Eigen::Matrix2d::Identity();
+    match->covariance += systematicFrames() * variance * Eigen::Matrix2d::Identity();
   }
   return match;
 }
@@ -494,7 +498,8 @@ void VisualFilter::addFeatures(const CameraModel& camera, VisualUpdate* result) 
     const Eigen::Vector2d pixel(corner.x, corner.y);
     const double rho = likelyInverseDepth(pixel);
     result->added +=
-        addFeature(camera, anchor, pixel, rho, 0.5 * rho, options_.features.max_sigma_px);
+        addFeature(camera, anchor, pixel, rho, options_.features.depth_sigma_ratio * rho,
+                   options_.features.max_sigma_px);
   }
 }
 

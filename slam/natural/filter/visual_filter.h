@@ -34,8 +34,9 @@ struct FeatureManagementOptions {
   int least_lot = 5;
   // Frames that a new feature is only looked at (FeatureMatch::on_trial).
   int trial_frames = 8;
-  // As long as so many others are there to be believed.
-  int believed_without_trial = 12;
+  // As long as so many others are there to be believed. More measures more when features are few,
+  // and lets in what moves: with 12, twelve of a moving poster took over from eight of the room.
+  int believed_without_trial = 6;
   // A feature is dropped after so many frames in which it should have been found and was not.
   int max_failures = 8;
   // ... and after so many outside the image.
@@ -43,9 +44,12 @@ struct FeatureManagementOptions {
   // A frame in which less than this share of the features is found says nothing about them: it was
   // dark, or blurred, or something was in the way of all of them.
   double blind_share = 0.25;
-  // Where nothing is known of depth: that of a room, metres; inverse depths are taken from 0 to
-  // twice that, 95 %.
+  // Where nothing is known of depth: that of a room, metres.
   double first_depth_m = 2.0;
+  // Sigma of a new feature's inverse depth, in units of that which its neighbours suggest. What
+  // they suggest is no measurement: little of it is enough to bend the scale where hardly anything
+  // moves sideways (along a corridor, 0.5 let it drift by a fifth in ten metres, at random).
+  double depth_sigma_ratio = 3.0;
   // Half sizes of the search ellipses in standard deviations, and at most in pixels of the image.
   double search_sigmas = 3.0;
   double max_search_px = 40.0;
@@ -155,8 +159,11 @@ class VisualFilter {
   void lookForFeatures(const CameraModel& camera, VisualUpdate* result);
   void expectFeatures(const CameraModel& camera);
   [[nodiscard]] std::optional<FeatureMatch> find(const Candidate& candidate) const;
-  // Variance of a match's systematic error in a frame, pixels^2, as if it were another one in each.
+  // Variance of a match's systematic error in a frame, pixels^2.
   [[nodiscard]] double systematicVariance(const Eigen::Matrix2d& now_from_anchor) const;
+  // How much more that is as white noise that averages as slowly as an error that lasts for
+  // systematic_s.
+  [[nodiscard]] double systematicFrames() const;
   void judge(VisualUpdate* result);
   void drop(int feature);
   void dropHopeless(VisualUpdate* result);
