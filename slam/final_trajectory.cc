@@ -141,6 +141,17 @@ class GapFiller {
     }
   }
 
+  // Where no pose is from markers, live or now (pictures alone), nothing is known better than live.
+  void keepLive() {
+    const auto of_markers = [](const LiveFrame& frame) {
+      return frame.pose && frame.pose->source == PoseSource::kMarkers;
+    };
+    if (std::ranges::any_of(frames_, of_markers)) return;
+    for (std::size_t i = 0; i < frames_.size(); ++i) {
+      if (wasCarried(i)) poses_[i] = frames_[i].pose;
+    }
+  }
+
  private:
   [[nodiscard]] bool wasCarried(std::size_t i) const {
     if (poses_[i] || !frames_[i].pose) return false;
@@ -202,7 +213,7 @@ class GapFiller {
 std::vector<FinalPose> localizeAll(std::span<const LiveFrame> frames,
                                    const FinalTrajectoryOptions& options, const Slam& slam) {
   auto poses = localizeEach(frames, slam);
-  // Without any there is no map, or the frames are not of it.
+  // Without any there is no map of markers, or the frames are not of it.
   const bool any = std::ranges::any_of(poses, [](const auto& pose) { return pose.has_value(); });
   if (any && !options.unordered_images) {
     const Sequence sequence = sequenceOf(frames, poses, slam);
@@ -214,7 +225,12 @@ std::vector<FinalPose> localizeAll(std::span<const LiveFrame> frames,
                                  poses[i], options.single_marker);
     }
   }
-  if (any) GapFiller(frames, &poses).fill();
+  GapFiller filler(frames, &poses);
+  if (any) {
+    filler.fill();
+  } else {
+    filler.keepLive();
+  }
   std::vector<FinalPose> all(frames.size());
   for (std::size_t i = 0; i < frames.size(); ++i) {
     if (!poses[i]) all[i].reason = reasonFor(frames[i], slam.map());

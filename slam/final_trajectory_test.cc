@@ -211,6 +211,24 @@ TEST_F(FinalTrajectoryTest, MarkersThatSayLessThanTheFeaturesDidAreLeftToThese) 
   }
 }
 
+// Pictures alone: no frame's markers are in the map.
+TEST_F(FinalTrajectoryTest, WithoutAnyMarkerPosesAreAsTheyWereLive) {
+  Slam slam = makeSlam();
+  auto frames = approach(0, kCount, &slam, 0.002);
+  for (int i = 0; i < kCount; ++i) {
+    LiveFrame& frame = frames[static_cast<std::size_t>(i)];
+    frame.detections.clear();
+    frame.pose.reset();
+    if (i >= 10) frame.pose = carriedPose(i, i, 0.001);
+  }
+  const auto all = localizeAll(frames, {}, slam);
+  for (int i = 0; i < kCount; ++i) {
+    const auto& pose = all[static_cast<std::size_t>(i)].pose;
+    ASSERT_EQ(pose.has_value(), i >= 10) << i;
+    if (pose) EXPECT_EQ(pose->T_w_c.p, frames[static_cast<std::size_t>(i)].pose->T_w_c.p);
+  }
+}
+
 TEST_F(FinalTrajectoryTest, FramesWithoutAPoseSayWhy) {
   Slam slam = makeSlam();
   auto frames = approach(0, kCount, &slam);
