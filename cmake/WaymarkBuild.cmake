@@ -65,16 +65,17 @@ function(waymark_library name)
   target_include_directories(${name} PUBLIC "${PROJECT_SOURCE_DIR}")
 endfunction()
 
-# waymark_test(NAME SOURCES... [APART sources...] [LINK libs...]): a GoogleTest program, its cases
-# known to ctest.
+# waymark_test(NAME [ALONE] SOURCES... [APART sources...] [LINK libs...]): a GoogleTest program, its
+# cases known to ctest. ALONE: nothing else runs beside them.
 function(waymark_test name)
   if(NOT WAYMARK_TESTS)
     return()
   endif()
-  cmake_parse_arguments(ARG "" "" "APART;LINK" ${ARGN})
+  cmake_parse_arguments(ARG "ALONE" "" "APART;LINK" ${ARGN})
   waymark_apart(${ARG_APART})
   add_executable(${name} ${ARG_UNPARSED_ARGUMENTS} ${ARG_APART})
   target_link_libraries(${name} PRIVATE ${ARG_LINK} waymark_flags GTest::gtest_main)
   gtest_discover_tests(${name} DISCOVERY_TIMEOUT 60
-    PROPERTIES ENVIRONMENT "WAYMARK_SHARED_DATA=${PROJECT_SOURCE_DIR}/../shared/data")
+    PROPERTIES ENVIRONMENT "WAYMARK_SHARED_DATA=${PROJECT_SOURCE_DIR}/../shared/data"
+               RUN_SERIAL ${ARG_ALONE})
 endfunction()

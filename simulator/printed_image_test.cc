@@ -8,6 +8,7 @@
 
 #include "simulator/poster.h"
 #include "simulator/renderer.h"
+#include "simulator/testing/bare_scene.h"
 
 namespace waymark::simulator {
 namespace {
@@ -43,13 +44,7 @@ TEST(Renderer, PrintsHangWhereTheyAre) {
   for (int y = 60; y < 80; ++y) {
     for (int x = 120; x < 140; ++x) grey[static_cast<std::size_t>(200 * y + x)] = 255;
   }
-  Scene scene{.name = "print",
-              .dictionary = *slam::Dictionary::byName("4X4_50"),
-              .camera = {.width = 320, .height = 240, .fx = 250, .fy = 250, .cx = 160, .cy = 118},
-              .surfaces = {},
-              .markers = {},
-              .prints = {},
-              .trajectory = {}};
+  Scene scene = testing::bareScene("print");
   scene.camera.distortion = {-0.2, 0.05, 0.0005, -0.0007};
   Print print{std::make_shared<PrintedImage>(ImageView{grey.data(), 200, 100, 200}, 0.0, 255.0),
               0.4, 0.2, slam::Transform{}};
@@ -95,13 +90,7 @@ TEST(Renderer, OutlinesAreNoStairs) {
   const auto image = [&white](double light) {
     return std::make_shared<PrintedImage>(ImageView{white.data(), 2, 2, 2}, 0.0, light);
   };
-  Scene scene{.name = "outline",
-              .dictionary = *slam::Dictionary::byName("4X4_50"),
-              .camera = {.width = 320, .height = 240, .fx = 250, .fy = 250, .cx = 160, .cy = 118},
-              .surfaces = {},
-              .markers = {},
-              .prints = {},
-              .trajectory = {}};
+  Scene scene = testing::bareScene("outline");
   Surface wall{.half_width_m = 3.0, .half_height_m = 3.0, .image = image(40.0)};
   wall.T_w_s.p = {0.0, 0.0, 2.0};
   Surface sheet{.half_width_m = 0.2, .half_height_m = 0.2, .image = image(240.0)};

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <optional>
 #include <utility>
 
 #include "simulator/pixel_on_plane.h"
@@ -40,6 +41,13 @@ std::vector<const slam::Transform*> samplePoses(const RowPoses& poses) {
   for (std::size_t i = 0; i < poses.T_w_c.size(); i += kRows) samples.push_back(&poses.T_w_c[i]);
   if (samples.back() != &poses.T_w_c.back()) samples.push_back(&poses.T_w_c.back());
   return samples;
+}
+
+// How a surface lies before the camera while a row is read; empty where it is seen from its edge.
+std::optional<PlaneForms> formsInRow(const Surface& s, const RowPoses& poses, int row) {
+  const slam::Transform T_s_c = s.placeAt(poses.timeAt(row)).inverse() * poses.at(row);
+  if (std::abs(T_s_c.p.z()) < kInPlane) return std::nullopt;
+  return PlaneForms(T_s_c);
 }
 
 // Rows and columns of the ray table, ends excluded.
@@ -275,7 +283,6 @@ void Renderer::renderSurfaces(const RowPoses& poses, Workspace* workspace) const
 
 void Renderer::renderSurfaceRow(int row, const RowPoses& poses, std::span<const int> candidates,
                                 Workspace* workspace) const {
-  const slam::Transform& T_w_c = poses.at(row);
   const auto width = static_cast<std::size_t>(rays_.width());
   const float* const x = rays_.x(row);
   const float* const y = rays_.y(row);
@@ -290,12 +297,11 @@ void Renderer::renderSurfaceRow(int row, const RowPoses& poses, std::span<const 
 
   for (const int index : candidates) {
     const Surface& s = surfaces_[static_cast<std::size_t>(index)];
-    const slam::Transform T_s_c = s.placeAt(poses.timeAt(row)).inverse() * T_w_c;
-    if (std::abs(T_s_c.p.z()) < kInPlane) continue;
-    const PlaneForms f(T_s_c);
-    const float a[3] = {f.u_over_z[0], f.u_over_z[1], f.u_over_z[2]};
-    const float b[3] = {f.v_over_z[0], f.v_over_z[1], f.v_over_z[2]};
-    const float c[3] = {f.inverse_z[0], f.inverse_z[1], f.inverse_z[2]};
+    const auto f = formsInRow(s, poses, row);
+    if (!f) continue;
+    const float a[3] = {f->u_over_z[0], f->u_over_z[1], f->u_over_z[2]};
+    const float b[3] = {f->v_over_z[0], f->v_over_z[1], f->v_over_z[2]};
+    const float c[3] = {f->inverse_z[0], f->inverse_z[1], f->inverse_z[2]};
     const auto half_u = static_cast<float>(s.half_width_m);
     const auto half_v = static_cast<float>(s.half_height_m);
     for (std::size_t i = 0; i < width; ++i) {
@@ -333,12 +339,11 @@ void Renderer::renderImageRow(int row, const RowPoses& poses, std::span<const in
   for (const int index : candidates) {
     const Surface& s = surfaces_[static_cast<std::size_t>(index)];
     if (s.image == nullptr) continue;
-    const slam::Transform T_s_c = s.placeAt(poses.timeAt(row)).inverse() * poses.at(row);
-    if (std::abs(T_s_c.p.z()) < kInPlane) continue;
-    const PlaneForms forms(T_s_c);
+    const auto forms = formsInRow(s, poses, row);
+    if (!forms) continue;
     for (int i = 0; i < width; ++i) {
       if (surface[i] != index) continue;
-      const PixelOnPlane pixel(forms, rays_, i, row);
+      const PixelOnPlane pixel(*forms, rays_, i, row);
       const float z = 1.0F / pixel.w.centre;
       out[i] = sampleImage(s, pixel, pixel.u.centre * z, pixel.v.centre * z);
     }
@@ -362,10 +367,8 @@ void Renderer::renderOutlineRow(int row, const RowPoses& poses, Workspace* works
         const int index = surface[i + dy * width + dx];
         const auto same = [index](const SurfaceInPixel& other) { return other.index == index; };
         if (index < 0 || std::any_of(there.begin(), there.end(), same)) continue;
-        const Surface& s = surfaces_[static_cast<std::size_t>(index)];
-        const slam::Transform T_s_c = s.placeAt(poses.timeAt(row)).inverse() * poses.at(row);
-        if (std::abs(T_s_c.p.z()) < kInPlane) continue;
-        there.push_back({index, PixelOnPlane(PlaneForms(T_s_c), rays_, i, row)});
+        const auto forms = formsInRow(surfaces_[static_cast<std::size_t>(index)], poses, row);
+        if (forms) there.push_back({index, PixelOnPlane(*forms, rays_, i, row)});
       }
     }
     out[i] = sampleOutline(there);

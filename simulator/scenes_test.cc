@@ -13,6 +13,7 @@
 
 #include "simulator/projected_marker.h"
 #include "simulator/simulation.h"
+#include "simulator/testing/bare_scene.h"
 
 namespace waymark::simulator {
 namespace {
@@ -388,13 +389,7 @@ TEST(Renderer, ShowsASurfacesImageWhereItHasMovedTo) {
   for (int y = 47; y < 53; ++y) {
     for (int x = 97; x < 103; ++x) grey[static_cast<std::size_t>(200 * y + x)] = 255;
   }
-  Scene scene{.name = "surface",
-              .dictionary = *slam::Dictionary::byName("4X4_50"),
-              .camera = {.width = 320, .height = 240, .fx = 250, .fy = 250, .cx = 160, .cy = 118},
-              .surfaces = {},
-              .markers = {},
-              .prints = {},
-              .trajectory = {}};
+  Scene scene = testing::bareScene("surface");
   scene.camera.distortion = {-0.2, 0.05, 0.0005, -0.0007};
   Surface surface;
   surface.half_width_m = 0.4;

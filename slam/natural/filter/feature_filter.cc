@@ -284,8 +284,7 @@ MarkerOutcome FeatureFilter::observeMarkers(std::span<const KnownMarker> markers
     measurements_.clear();
     for (std::size_t k = 0; k < 4; ++k) {
       measurements_.push_back({*place, -1, T_m_w * marker.corners_w[k],
-                               marker.detection->normalized[k], marker.detection->covariance[k],
-                               marker.detection->covariance[k]});
+                               marker.detection->normalized[k], marker.detection->covariance[k]});
     }
     linearizeAll(nullptr);
     if (rows_.size() < 4) {
@@ -323,7 +322,8 @@ void FeatureFilter::measure(const FeatureMatch& match) {
   const int pose = state_.features()[static_cast<std::size_t>(match.feature)].pose;
   measurements_.push_back({pose, match.feature, Eigen::Vector3d::Zero(), match.pixel,
                            noise_scale_ * noise_scale_ * match.covariance,
-                           noise_scale_ * noise_scale_ * match.covariance_once});
+                           noise_scale_ * noise_scale_ * match.covariance -
+                               noise_scale_ * noise_scale_ * match.covariance_once});
 }
 
 bool FeatureFilter::fits(const CameraModel& camera, const FeatureMatch& match) const {
@@ -363,7 +363,7 @@ void FeatureFilter::believeMost(const CameraModel& camera, std::span<const Featu
                 update_.innovationStride(), count, options_.match_chi2, options_.hypotheses,
                 &marked_);
   excess_.clear();
-  for (const Measurement& m : measurements_) excess_.push_back(m.noise - m.noise_once);
+  for (const Measurement& m : measurements_) excess_.push_back(m.excess);
   refuter_.refute(&update_.residual(0), &update_.innovationCovariance(0, 0),
                   update_.innovationStride(), excess_, options_.match_chi2, &marked_);
   kept_.clear();

@@ -148,7 +148,7 @@ class FeatureFilter {
     Eigen::Vector3d p_s = Eigen::Vector3d::Zero();
     Eigen::Vector2d seen = Eigen::Vector2d::Zero();
     Eigen::Matrix2d noise = Eigen::Matrix2d::Zero();
-    Eigen::Matrix2d noise_once = Eigen::Matrix2d::Zero();
+    Eigen::Matrix2d excess = Eigen::Matrix2d::Zero();  // of the noise: what lasts for frames
   };
   struct Row {
     int pose_at = 0;
