@@ -110,19 +110,52 @@ void findConsensus(const double* residuals, const double* S, int stride, int cou
   }
 }
 
+// In the order that they are looked at.
+struct Refuter::Innovations {
+  slam::Innovations all;
+  std::span<const Match> matches;
+  const std::vector<int>& order;
+
+  // Which of all numbers the k-th is.
+  [[nodiscard]] int number(int k) const {
+    return 2 * order[static_cast<std::size_t>(k / 2)] + k % 2;
+  }
+  [[nodiscard]] double residual(int k) const { return all.residuals[number(k)]; }
+  [[nodiscard]] double at(int i, int j) const {
+    const double with_all = all.at(number(i), number(j));
+    if (i / 2 != j / 2) return with_all;
+    const int match = order[static_cast<std::size_t>(i / 2)];
+    return with_all - matches[static_cast<std::size_t>(match)].excess(i % 2, j % 2);
+  }
+};
+
 Refuter::Refuter(int max_count) : stride_(2 * max_count) {
   const auto count = static_cast<std::size_t>(max_count);
-  match_.reserve(count);
+  order_.reserve(count);
   out_.reserve(count);
   information_.assign(4 * count * count, 0.0);
   weighted_.assign(2 * count, 0.0);
+  common_.assign(2 * count, Eigen::Vector2d::Zero());
+  gain_.assign(2 * count, Eigen::Vector2d::Zero());
+}
+
+int Refuter::sortByAge(std::span<const Match> matches, const std::vector<char>& marked) {
+  order_.clear();
+  for (std::size_t i = 0; i < marked.size(); ++i) {
+    if (marked[i]) order_.push_back(static_cast<int>(i));
+  }
+  const auto age = [&](int i) { return matches[static_cast<std::size_t>(i)].age; };
+  std::sort(order_.begin(), order_.end(),
+            [&](int a, int b) { return age(a) != age(b) ? age(a) > age(b) : a < b; });
+  if (order_.empty()) return 0;
+  // Those of the same age belong together.
+  const int middle = age(order_[(order_.size() - 1) / 2]);
+  return static_cast<int>(std::ranges::find_if(order_, [&](int i) { return age(i) < middle; }) -
+                          order_.begin());
 }
 
 // Gauss and Jordan, in place.
 bool Refuter::invert(int n) {
-  const auto row = [this](int i) {
-    return information_.data() + static_cast<std::ptrdiff_t>(i) * stride_;
-  };
   for (int k = 0; k < n; ++k) {
     double* const pivot_row = row(k);
     const double pivot = pivot_row[k];
@@ -139,10 +172,10 @@ bool Refuter::invert(int n) {
   return true;
 }
 
-// What the others know without match i of those looked at.
+// What the others know without the i-th.
 void Refuter::leaveOut(int n, int i) {
-  const double* const top = information_.data() + static_cast<std::ptrdiff_t>(2 * i) * stride_;
-  const double* const bottom = top + stride_;
+  double* const top = row(2 * i);
+  double* const bottom = row(2 * i + 1);
   Eigen::Matrix2d own;
   own << top[2 * i], top[2 * i + 1], bottom[2 * i], bottom[2 * i + 1];
   const Eigen::Matrix2d covariance = own.inverse();
@@ -150,42 +183,20 @@ void Refuter::leaveOut(int n, int i) {
                              weighted_[static_cast<std::size_t>(2 * i + 1)]);
   for (int k = 0; k < n; ++k) {
     if (k / 2 == i) continue;
-    double* const row = information_.data() + static_cast<std::ptrdiff_t>(k) * stride_;
-    const Eigen::Vector2d gain = covariance * Eigen::Vector2d(row[2 * i], row[2 * i + 1]);
-    subtract(row, top, gain.x(), n);
-    subtract(row, bottom, gain.y(), n);
+    double* const other = row(k);
+    const Eigen::Vector2d gain = covariance * Eigen::Vector2d(other[2 * i], other[2 * i + 1]);
+    subtract(other, top, gain.x(), n);
+    subtract(other, bottom, gain.y(), n);
+    other[2 * i] = other[2 * i + 1] = 0.0;
     weighted_[static_cast<std::size_t>(k)] -= gain.dot(gone);
   }
+  std::fill_n(top, n, 0.0);
+  std::fill_n(bottom, n, 0.0);
+  weighted_[static_cast<std::size_t>(2 * i)] = weighted_[static_cast<std::size_t>(2 * i + 1)] = 0.0;
   out_[static_cast<std::size_t>(i)] = 1;
 }
 
-void Refuter::refute(const double* residuals, const double* S, int stride,
-                     std::span<const Eigen::Matrix2d> excess, double chi2,
-                     std::vector<char>* marked) {
-  match_.clear();
-  for (std::size_t i = 0; i < marked->size(); ++i) {
-    if ((*marked)[i]) match_.push_back(static_cast<int>(i));
-  }
-  const int count = static_cast<int>(match_.size());
-  const int n = 2 * count;
-  const Innovations in{residuals, S, stride};
-  const auto number = [this](int k) { return 2 * match_[static_cast<std::size_t>(k / 2)] + k % 2; };
-  for (int i = 0; i < n; ++i) {
-    double* const row = information_.data() + static_cast<std::ptrdiff_t>(i) * stride_;
-    for (int j = 0; j < n; ++j) row[j] = in.at(number(i), number(j));
-    const Eigen::Matrix2d& own =
-        excess[static_cast<std::size_t>(match_[static_cast<std::size_t>(i / 2)])];
-    row[i - i % 2] -= own(i % 2, 0);
-    row[i - i % 2 + 1] -= own(i % 2, 1);
-  }
-  if (!invert(n)) return;
-  for (int i = 0; i < n; ++i) {
-    const double* const row = information_.data() + static_cast<std::ptrdiff_t>(i) * stride_;
-    double sum = 0.0;
-    for (int j = 0; j < n; ++j) sum += row[j] * residuals[number(j)];
-    weighted_[static_cast<std::size_t>(i)] = sum;
-  }
-  out_.assign(match_.size(), char{0});
+void Refuter::judgeTogether(int count, double chi2, std::vector<char>* marked) {
   for (int left = count; left > 1; --left) {
     // With the information Q of all, match i is off the others' forecast by Q_ii^-1 (Q r)_i, which
     // has covariance Q_ii^-1.
@@ -193,10 +204,9 @@ void Refuter::refute(const double* residuals, const double* S, int stride,
     double farthest = chi2;
     for (int i = 0; i < count; ++i) {
       if (out_[static_cast<std::size_t>(i)]) continue;
-      const double* const row =
-          information_.data() + static_cast<std::ptrdiff_t>(2 * i) * stride_ + 2 * i;
+      const double* const own = row(2 * i) + 2 * i;
       Symmetric2 covariance{};
-      if (!Symmetric2{row[0], row[1], row[stride_ + 1]}.invert(&covariance)) continue;
+      if (!Symmetric2{own[0], own[1], own[stride_ + 1]}.invert(&covariance)) continue;
       const double x = weighted_[static_cast<std::size_t>(2 * i)];
       const double y = weighted_[static_cast<std::size_t>(2 * i + 1)];
       const double d = covariance.xx * x * x + 2.0 * covariance.xy * x * y + covariance.yy * y * y;
@@ -205,8 +215,73 @@ void Refuter::refute(const double* residuals, const double* S, int stride,
       worst = i;
     }
     if (worst < 0) return;
-    (*marked)[static_cast<std::size_t>(match_[static_cast<std::size_t>(worst)])] = 0;
-    leaveOut(n, worst);
+    (*marked)[static_cast<std::size_t>(order_[static_cast<std::size_t>(worst)])] = 0;
+    leaveOut(2 * count, worst);
+  }
+}
+
+bool Refuter::admit(const Innovations& in, int count, double chi2) {
+  const int n = 2 * count;
+  Eigen::Vector2d r(in.residual(n), in.residual(n + 1));
+  Eigen::Matrix2d S;
+  S << in.at(n, n), in.at(n, n + 1), in.at(n + 1, n), in.at(n + 1, n + 1);
+  for (int k = 0; k < n; ++k) {
+    common_[static_cast<std::size_t>(k)] = {in.at(n, k), in.at(n + 1, k)};
+  }
+  for (int k = 0; k < n; ++k) {
+    const double* const information = row(k);
+    Eigen::Vector2d gain = Eigen::Vector2d::Zero();
+    for (int j = 0; j < n; ++j) gain += information[j] * common_[static_cast<std::size_t>(j)];
+    gain_[static_cast<std::size_t>(k)] = gain;
+    S -= gain * common_[static_cast<std::size_t>(k)].transpose();
+    r -= weighted_[static_cast<std::size_t>(k)] * common_[static_cast<std::size_t>(k)];
+  }
+  S = (0.5 * (S + S.transpose())).eval();
+  out_.push_back(char{1});
+  std::fill_n(row(n), n + 2, 0.0);
+  std::fill_n(row(n + 1), n + 2, 0.0);
+  weighted_[static_cast<std::size_t>(n)] = weighted_[static_cast<std::size_t>(n + 1)] = 0.0;
+  for (int k = 0; k < n; ++k) row(k)[n] = row(k)[n + 1] = 0.0;
+  if (!(S(0, 0) > 0.0) || !(S.determinant() > 0.0)) return false;
+  const Eigen::Matrix2d own = S.inverse();
+  const Eigen::Vector2d pull = own * r;
+  if (!(r.dot(pull) <= chi2)) return false;
+  // The inverse of the covariance with two more rows.
+  for (int k = 0; k < n; ++k) {
+    const Eigen::Vector2d with = -own * gain_[static_cast<std::size_t>(k)];
+    for (int j = 0; j < n; ++j) row(k)[j] -= with.dot(gain_[static_cast<std::size_t>(j)]);
+    row(k)[n] = row(n)[k] = with.x();
+    row(k)[n + 1] = row(n + 1)[k] = with.y();
+    weighted_[static_cast<std::size_t>(k)] -= gain_[static_cast<std::size_t>(k)].dot(pull);
+  }
+  for (int i = 0; i < 2; ++i) {
+    for (int j = 0; j < 2; ++j) row(n + i)[n + j] = own(i, j);
+    weighted_[static_cast<std::size_t>(n + i)] = pull[i];
+  }
+  out_.back() = 0;
+  return true;
+}
+
+void Refuter::refute(const double* residuals, const double* S, int stride,
+                     std::span<const Match> matches, double chi2, std::vector<char>* marked) {
+  const int first = sortByAge(matches, *marked);
+  const Innovations in{{residuals, S, stride}, matches, order_};
+  const int n = 2 * first;
+  for (int i = 0; i < n; ++i) {
+    for (int j = 0; j < n; ++j) row(i)[j] = in.at(i, j);
+  }
+  if (!invert(n)) return;
+  for (int i = 0; i < n; ++i) {
+    double sum = 0.0;
+    for (int j = 0; j < n; ++j) sum += row(i)[j] * in.residual(j);
+    weighted_[static_cast<std::size_t>(i)] = sum;
+  }
+  out_.assign(static_cast<std::size_t>(first), char{0});
+  judgeTogether(first, chi2, marked);
+  for (int i = first; i < static_cast<int>(order_.size()); ++i) {
+    if (!admit(in, i, chi2)) {
+      (*marked)[static_cast<std::size_t>(order_[static_cast<std::size_t>(i)])] = 0;
+    }
   }
 }
 

@@ -18,28 +18,51 @@ namespace waymark::slam {
 void findConsensus(const double* residuals, const double* S, int stride, int count, double chi2,
                    int hypotheses, std::vector<char>* marked);
 
-// Of those marked, what all the others together contradict: one after the other, the worst first,
-// until each is within `chi2` of where the rest expects it. One match leaves open where the others
-// are by some pixels (a roll, a step aside), which is where the next window of a facade is.
+// Of those marked, what the others together contradict. One match leaves open where the others are
+// by some pixels (a roll, a step aside), which is where the next window of a facade is.
+//
+// The older half is judged first, among itself: one after the other, the worst first, until each is
+// within `chi2` of where the rest of it expects it. Then each of the younger ones, the oldest
+// first, by all that have been believed before. What begins to move is never contradicted by the
+// younger ones beside it, whose depth can be anything yet; all together they would contradict the
+// old ones instead, which are known well enough for that.
 class Refuter {
  public:
   explicit Refuter(int max_count);
 
-  // As findConsensus(); excess: what is in S of each match's noise beyond what it scatters by in
-  // one frame, which is all that the others know nothing of. Clears marks. Nothing is cleared when
-  // S is not positive definite without it.
-  void refute(const double* residuals, const double* S, int stride,
-              std::span<const Eigen::Matrix2d> excess, double chi2, std::vector<char>* marked);
+  struct Match {
+    // What is in S of its noise beyond what it scatters by in one frame, which is all that the
+    // others know nothing of.
+    Eigen::Matrix2d excess = Eigen::Matrix2d::Zero();
+    int age = 0;  // frames
+  };
+  // As findConsensus(). Clears marks; none when S is not positive definite without the excess.
+  void refute(const double* residuals, const double* S, int stride, std::span<const Match> matches,
+              double chi2, std::vector<char>* marked);
 
  private:
+  struct Innovations;
+  // Fills order_; the number of those that are judged first.
+  int sortByAge(std::span<const Match> matches, const std::vector<char>& marked);
   [[nodiscard]] bool invert(int n);
+  // Clears the marks of those that the rest of the first `count` of order_ contradicts.
+  void judgeTogether(int count, double chi2, std::vector<char>* marked);
+  // Whether what is known of the first `count` of order_ agrees with the one after them, which is
+  // known as well then.
+  [[nodiscard]] bool admit(const Innovations& in, int count, double chi2);
   void leaveOut(int n, int i);
+  [[nodiscard]] double* row(int i) {
+    return information_.data() + static_cast<std::ptrdiff_t>(i) * stride_;
+  }
 
   int stride_;
-  std::vector<int> match_;           // of those looked at
-  std::vector<double> information_;  // of the innovations, n x n
+  std::vector<int> order_;  // matches that are looked at, the oldest first
+  // Of the innovations in that order, zero where one is left out.
+  std::vector<double> information_;  // n x n
   std::vector<double> weighted_;     // information times residuals
   std::vector<char> out_;
+  std::vector<Eigen::Vector2d> common_;  // covariance of one with those before
+  std::vector<Eigen::Vector2d> gain_;
 };
 
 }  // namespace waymark::slam

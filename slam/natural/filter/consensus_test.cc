@@ -1,6 +1,9 @@
 #include "slam/natural/filter/consensus.h"
 
+#include <algorithm>
+#include <numeric>
 #include <random>
+#include <vector>
 
 #include <Eigen/Cholesky>
 #include <gtest/gtest.h>
@@ -58,7 +61,7 @@ TEST(Consensus, TakesThoseThatGoTogetherAndNoOthers) {
 // A window of a facade, found where the next one is: one other match cannot tell, all of them can.
 TEST(Refuter, LeavesOutWhatAllTheOthersContradict) {
   constexpr double kExcess = 0.6 * 0.6;  // of noise that lasts, pixels^2
-  const std::vector<Eigen::Matrix2d> excess(40, kExcess * Eigen::Matrix2d::Identity());
+  const std::vector<Refuter::Match> matches(40, {kExcess * Eigen::Matrix2d::Identity(), 0});
   int missed_by_one = 0;
   int good = 0;
   for (unsigned seed = 0; seed < 30; ++seed) {
@@ -72,7 +75,7 @@ TEST(Refuter, LeavesOutWhatAllTheOthersContradict) {
     missed_by_one += marked[10] + marked[25];
     const Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor> rows = frame.S;
     Refuter refuter(50);
-    refuter.refute(frame.r.data(), rows.data(), 80, excess, 9.21, &marked);
+    refuter.refute(frame.r.data(), rows.data(), 80, matches, 9.21, &marked);
     EXPECT_FALSE(marked[10]) << seed;
     EXPECT_FALSE(marked[25]) << seed;
     for (int i = 0; i < 40; ++i) good += i != 10 && i != 25 && marked[static_cast<std::size_t>(i)];
@@ -81,59 +84,95 @@ TEST(Refuter, LeavesOutWhatAllTheOthersContradict) {
   EXPECT_GE(good, 30 * 37);  // of 38, at 99 % each
 }
 
-// Each is judged by what the rest expects of it, computed anew.
+// How far match i is from what others expect of it, computed anew.
+double distanceFrom(const Frame& frame, const std::vector<int>& others, int i) {
+  const auto n = 2 * static_cast<Eigen::Index>(others.size());
+  Eigen::MatrixXd A(n, n), B(2, n);
+  Eigen::VectorXd r(n);
+  const auto number = [&others](Eigen::Index k) {
+    return 2 * others[static_cast<std::size_t>(k / 2)] + static_cast<int>(k % 2);
+  };
+  for (Eigen::Index j = 0; j < n; ++j) {
+    r[j] = frame.r[number(j)];
+    for (int k = 0; k < 2; ++k) B(k, j) = frame.S(2 * i + k, number(j));
+    for (Eigen::Index k = 0; k < n; ++k) A(k, j) = frame.S(number(k), number(j));
+  }
+  const Eigen::LLT<Eigen::MatrixXd> factor(A);
+  const Eigen::Vector2d e = frame.r.segment<2>(2 * i) - B * factor.solve(r);
+  const Eigen::Matrix2d C = frame.S.block<2, 2>(2 * i, 2 * i) - B * factor.solve(B.transpose());
+  return e.dot(C.inverse() * e);
+}
+
+// The worst first, until none is beyond the limit of what the rest expects of it.
+std::vector<int> agreeing(const Frame& frame, std::vector<int> left, double limit) {
+  while (left.size() > 1) {
+    double farthest = limit;
+    int worst = -1;
+    for (const int i : left) {
+      std::vector<int> others = left;
+      std::erase(others, i);
+      const double d = distanceFrom(frame, others, i);
+      if (d > farthest) {
+        farthest = d;
+        worst = i;
+      }
+    }
+    if (worst < 0) break;
+    std::erase(left, worst);
+  }
+  return left;
+}
+
+std::vector<int> refuted(const Frame& frame, const std::vector<int>& ages, double limit) {
+  const auto count = static_cast<int>(ages.size());
+  const Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor> rows = frame.S;
+  std::vector<Refuter::Match> matches;
+  for (const int age : ages) matches.push_back({Eigen::Matrix2d::Zero(), age});
+  std::vector<char> marked(ages.size(), 1);
+  Refuter refuter(count);
+  refuter.refute(frame.r.data(), rows.data(), 2 * count, matches, limit, &marked);
+  std::vector<int> kept;
+  for (int i = 0; i < count; ++i) {
+    if (marked[static_cast<std::size_t>(i)]) kept.push_back(i);
+  }
+  return kept;
+}
+
 TEST(Refuter, IsTheForecastOfTheRest) {
+  constexpr double kLimit = 4.0;
+  std::vector<int> all(12);
+  std::iota(all.begin(), all.end(), 0);
   for (unsigned seed = 0; seed < 10; ++seed) {
     Frame frame(12, seed);
     frame.r[8] += 1.2;
-    const auto distance = [&frame](const std::vector<int>& others, int i) {
-      const auto n = 2 * static_cast<Eigen::Index>(others.size());
-      Eigen::MatrixXd A(n, n), B(2, n);
-      Eigen::VectorXd r(n);
-      for (Eigen::Index j = 0; j < n; ++j) {
-        const int from = 2 * others[static_cast<std::size_t>(j / 2)] + static_cast<int>(j % 2);
-        r[j] = frame.r[from];
-        for (int k = 0; k < 2; ++k) B(k, j) = frame.S(2 * i + k, from);
-        for (Eigen::Index k = 0; k < n; ++k) {
-          A(k, j) =
-              frame.S(2 * others[static_cast<std::size_t>(k / 2)] + static_cast<int>(k % 2), from);
-        }
-      }
-      const Eigen::LLT<Eigen::MatrixXd> factor(A);
-      const Eigen::Vector2d e = frame.r.segment<2>(2 * i) - B * factor.solve(r);
-      const Eigen::Matrix2d C = frame.S.block<2, 2>(2 * i, 2 * i) - B * factor.solve(B.transpose());
-      return e.dot(C.inverse() * e);
-    };
-    // The worst first, until none is beyond the limit.
-    constexpr double kLimit = 4.0;
-    std::vector<int> left;
-    for (int i = 0; i < 12; ++i) left.push_back(i);
-    while (left.size() > 1) {
-      double farthest = kLimit;
-      int worst = -1;
-      for (const int i : left) {
-        std::vector<int> others = left;
-        std::erase(others, i);
-        const double d = distance(others, i);
-        if (d > farthest) {
-          farthest = d;
-          worst = i;
-        }
-      }
-      if (worst < 0) break;
-      std::erase(left, worst);
-    }
-    std::vector<char> marked(12, 1);
-    const Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor> rows = frame.S;
-    Refuter refuter(12);
-    const std::vector<Eigen::Matrix2d> none(12, Eigen::Matrix2d::Zero());
-    refuter.refute(frame.r.data(), rows.data(), 24, none, kLimit, &marked);
-    std::vector<int> kept;
-    for (int i = 0; i < 12; ++i) {
-      if (marked[static_cast<std::size_t>(i)]) kept.push_back(i);
-    }
-    EXPECT_EQ(kept, left) << seed;
+    EXPECT_EQ(refuted(frame, std::vector<int>(12, 3), kLimit), agreeing(frame, all, kLimit))
+        << seed;
   }
+}
+
+// The older half among itself, with those that are as old as its youngest; then the others.
+TEST(Refuter, JudgesTheYoungByTheOld) {
+  constexpr double kLimit = 4.0;
+  const std::vector<int> ages = {5, 90, 5, 90, 40, 40, 2, 40, 90, 40, 7, 2};
+  const std::vector<int> old = {1, 3, 4, 5, 7, 8, 9};
+  const std::vector<int> young = {10, 0, 2, 6, 11};  // the oldest first
+  int refused = 0;
+  for (unsigned seed = 0; seed < 20; ++seed) {
+    Frame frame(12, seed);
+    frame.r[10] += 1.2;  // of an old one
+    frame.r[4] += 1.2;   // ... and of a young one
+    std::vector<int> expected = agreeing(frame, old, kLimit);
+    for (const int i : young) {
+      if (distanceFrom(frame, expected, i) <= kLimit) {
+        expected.push_back(i);
+      } else {
+        ++refused;
+      }
+    }
+    std::ranges::sort(expected);
+    EXPECT_EQ(refuted(frame, ages, kLimit), expected) << seed;
+  }
+  EXPECT_GE(refused, 10);
 }
 
 TEST(Consensus, OneMatchIsJudgedByItself) {

@@ -100,11 +100,12 @@ FeatureFilter::FeatureFilter(const FeatureFilterOptions& options)
   measurements_.reserve(features);
   rows_.reserve(features);
   marked_.reserve(features);
-  excess_.reserve(features);
+  refutable_.reserve(features);
   kept_.reserve(2 * features);
   distances_.reserve(features);
   moved_.assign(static_cast<std::size_t>(maxState(options)), 0.0);
   step_.assign(static_cast<std::size_t>(maxState(options)), 0.0);
+  row_.assign(static_cast<std::size_t>(maxState(options)), 0.0);
 }
 
 void FeatureFilter::start(const Transform& T_w_c, const Matrix6d& covariance) {
@@ -323,7 +324,8 @@ void FeatureFilter::measure(const FeatureMatch& match) {
   measurements_.push_back({pose, match.feature, Eigen::Vector3d::Zero(), match.pixel,
                            noise_scale_ * noise_scale_ * match.covariance,
                            noise_scale_ * noise_scale_ * match.covariance -
-                               noise_scale_ * noise_scale_ * match.covariance_once});
+                               noise_scale_ * noise_scale_ * match.covariance_once,
+                           match.age});
 }
 
 bool FeatureFilter::fits(const CameraModel& camera, const FeatureMatch& match) const {
@@ -362,10 +364,10 @@ void FeatureFilter::believeMost(const CameraModel& camera, std::span<const Featu
   findConsensus(&update_.residual(0), &update_.innovationCovariance(0, 0),
                 update_.innovationStride(), count, options_.match_chi2, options_.hypotheses,
                 &marked_);
-  excess_.clear();
-  for (const Measurement& m : measurements_) excess_.push_back(m.excess);
+  refutable_.clear();
+  for (const Measurement& m : measurements_) refutable_.push_back({m.excess, m.age});
   refuter_.refute(&update_.residual(0), &update_.innovationCovariance(0, 0),
-                  update_.innovationStride(), excess_, options_.match_chi2, &marked_);
+                  update_.innovationStride(), refutable_, options_.match_chi2, &marked_);
   kept_.clear();
   std::size_t kept = 0;
   for (int i = 0; i < count; ++i) {
@@ -425,6 +427,33 @@ void FeatureFilter::adaptNoise(std::span<const FeatureMatch> matches) {
   const double ratio = std::clamp(*middle / kMedianOfChi2, 0.25, 4.0);
   noise_scale_ = std::clamp(noise_scale_ * std::pow(ratio, 0.5 * options_.noise_adaption), 1.0,
                             options_.max_noise_scale);
+}
+
+int FeatureFilter::addFeatureLike(std::span<const int> others, int anchor,
+                                  const Eigen::Vector2d& uv, const Eigen::Matrix2d& uv_covariance,
+                                  double rho_sigma_ratio) {
+  state_.compact();
+  std::fill(row_.begin(), row_.end(), 0.0);
+  const double share = 1.0 / static_cast<double>(others.size());
+  double rho = 0.0;
+  for (const int other : others) {
+    const StateFeature& feature = state_.features()[static_cast<std::size_t>(other)];
+    const StatePose& pose = state_.poses()[static_cast<std::size_t>(feature.pose)];
+    const auto view = viewDepth(state_.camera(), pose.T_w_s, feature);
+    if (!view) return -1;
+    rho += share * view->rho;
+    Eigen::Map<Eigen::Matrix<double, 1, 6>> by_pose(row_.data() + pose.offset);
+    Eigen::Map<Eigen::Matrix<double, 1, 6>> by_camera(row_.data());
+    Eigen::Map<Eigen::RowVector3d> by_feature(row_.data() + feature.offset);
+    by_pose += share * view->J_pose;
+    by_camera -= share * view->J_pose;
+    by_feature += share * view->J_feature;
+  }
+  if (!(rho > 0.0)) return -1;
+  Eigen::Matrix3d covariance = Eigen::Matrix3d::Zero();
+  covariance.topLeftCorner<2, 2>() = uv_covariance;
+  covariance(2, 2) = rho_sigma_ratio * rho_sigma_ratio * rho * rho;
+  return state_.addFeature(anchor, uv, rho, covariance, row_.data());
 }
 
 void FeatureFilter::removeEmptyAnchors() {

@@ -65,6 +65,7 @@ struct FeatureMatch {
   // Compared with what is expected, but not believed yet: a point that moves gives itself away
   // once it has gone further than a depth could explain, and has moved nothing until then.
   bool on_trial = false;
+  int age = 0;  // frames since it was first seen
 };
 
 struct ExpectedFeature {
@@ -129,6 +130,13 @@ class FeatureFilter {
                                const Eigen::Matrix3d& covariance) {
     return state_.addFeature(anchor, uv, rho, covariance);
   }
+  // One that is taken to be as deep as the mean of others: their inverse depth in the camera as it
+  // is, which the anchor is a copy of. What is not known of theirs is not known of its own either,
+  // beside what the covariance adds: it tells nothing about the scale of what is there. -1, too,
+  // when that is no depth in front of the camera. Precondition: at least one other.
+  [[nodiscard]] int addFeatureLike(std::span<const int> others, int anchor,
+                                   const Eigen::Vector2d& uv, const Eigen::Matrix2d& uv_covariance,
+                                   double rho_sigma_ratio);
   void removeFeature(int feature) { state_.removeFeature(feature); }
   // Anchors without features.
   void removeEmptyAnchors();
@@ -149,6 +157,7 @@ class FeatureFilter {
     Eigen::Vector2d seen = Eigen::Vector2d::Zero();
     Eigen::Matrix2d noise = Eigen::Matrix2d::Zero();
     Eigen::Matrix2d excess = Eigen::Matrix2d::Zero();  // of the noise: what lasts for frames
+    int age = 0;
   };
   struct Row {
     int pose_at = 0;
@@ -198,11 +207,12 @@ class FeatureFilter {
   std::vector<Measurement> measurements_;
   std::vector<Row> rows_;
   Refuter refuter_;
-  std::vector<Eigen::Matrix2d> excess_;
+  std::vector<Refuter::Match> refutable_;
   std::vector<char> marked_;
   std::vector<int> kept_;
   std::vector<double> moved_;  // from where the update began
   std::vector<double> step_;
+  std::vector<double> row_;  // a derivative by all coordinates
   std::vector<double> distances_;
 };
 

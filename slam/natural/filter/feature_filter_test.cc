@@ -1,10 +1,11 @@
 #include "slam/natural/filter/feature_filter.h"
 
+#include <algorithm>
 #include <cstdio>
 #include <map>
 #include <vector>
 
-#include <Eigen/Cholesky>
+#include <Eigen/Eigenvalues>
 #include <gtest/gtest.h>
 
 #include "slam/natural/filter/testing_point_world.h"
@@ -54,6 +55,58 @@ void print(const char* what, const Consistency& c) {
   std::printf("%s: NEES", what);
   for (const auto& [second, nees] : c.nees) std::printf(" %ds %.2f", second, nees);
   std::printf(", at the end %.1f mm, sigma %.1f mm\n", 1e3 * c.rms_m, 1e3 * c.sigma_m);
+}
+
+// A feature that is as deep as others tells nothing of how deep these are: what it adds to what is
+// known of their mean is its own spread, and its error is theirs otherwise.
+TEST(FeatureFilter, AFeatureLikeOthersIsAsUncertainAsTheyAre) {
+  PointWorld world(3, walk(3, 0.7), {}, {});
+  for (int k = 0; k < 40; ++k) world.step(k < 30, true);
+  FeatureFilter& filter = world.filter();
+  std::vector<int> others;
+  for (int i = 0; others.size() < 3; ++i) {
+    if (filter.state().features()[static_cast<std::size_t>(i)].offset >= 0) others.push_back(i);
+  }
+  // One must have a place.
+  for (std::size_t i = 0; i < filter.state().features().size(); ++i) {
+    const bool is_other = std::ranges::find(others, static_cast<int>(i)) != others.end();
+    if (is_other || filter.state().features()[i].offset < 0) continue;
+    filter.removeFeature(static_cast<int>(i));
+    break;
+  }
+  filter.removeEmptyAnchors();
+  const int anchor = filter.addAnchor();
+  ASSERT_GE(anchor, 0);
+  constexpr double kRatio = 0.3;
+  const int place = filter.addFeatureLike(others, anchor, {0.1, -0.2},
+                                          1e-6 * Eigen::Matrix2d::Identity(), kRatio);
+  ASSERT_GE(place, 0);
+
+  const FilterState& state = filter.state();
+  const StateFeature& made = state.features()[static_cast<std::size_t>(place)];
+  Eigen::VectorXd mean = Eigen::VectorXd::Zero(state.size());
+  double rho = 0.0;
+  for (const int other : others) {
+    const StateFeature& feature = state.features()[static_cast<std::size_t>(other)];
+    const StatePose& pose = state.poses()[static_cast<std::size_t>(feature.pose)];
+    const auto view = viewDepth(state.camera(), pose.T_w_s, feature);
+    ASSERT_TRUE(view);
+    rho += view->rho / 3.0;
+    mean.segment<6>(pose.offset) += view->J_pose.transpose() / 3.0;
+    mean.head<6>() -= view->J_pose.transpose() / 3.0;
+    mean.segment<3>(feature.offset) += view->J_feature.transpose() / 3.0;
+  }
+  EXPECT_NEAR(made.rho, rho, 1e-12);
+  const Eigen::MatrixXd P = state.P();
+  EXPECT_LT((P - P.transpose()).norm(), 1e-12);
+  // The anchor is the camera, so that some of it is zero.
+  const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> eigen(P);
+  EXPECT_GT(eigen.eigenvalues().minCoeff(), -1e-9 * eigen.eigenvalues().maxCoeff());
+  Eigen::VectorXd difference = -mean;
+  difference[made.offset + 2] += 1.0;
+  EXPECT_NEAR(difference.dot(P * difference), kRatio * kRatio * rho * rho, 1e-9);
+  EXPECT_NEAR(mean.dot(P * difference), 0.0, 1e-9);
+  EXPECT_GT(mean.dot(P * mean), 1e-9) << "else that says nothing";
 }
 
 // Over 50 runs the mean of chi-square with six dimensions is within 5.1 and 7.0 (95 %). What is

@@ -144,13 +144,23 @@ int FilterState::addPose(PoseKind kind, std::uint64_t tag, const Transform& T_w_
 }
 
 int FilterState::addFeature(int pose, const Eigen::Vector2d& uv, double rho,
-                            const Eigen::Matrix3d& covariance) {
+                            const Eigen::Matrix3d& covariance, const double* from_state) {
   compact();
   const auto free = std::find_if(features_.begin(), features_.end(),
                                  [](const StateFeature& f) { return f.offset < 0; });
   if (free == features_.end()) return -1;
   const int offset = append(kFeatureSize);
   block(offset, offset, kFeatureSize, kFeatureSize) = covariance;
+  if (from_state != nullptr) {
+    const int at = offset + 2;
+    double variance = covariance(2, 2);
+    for (int i = 0; i < offset; ++i) {
+      if (from_state[i] != 0.0) block(0, at, offset, 1) += from_state[i] * block(0, i, offset, 1);
+    }
+    for (int i = 0; i < offset; ++i) variance += from_state[i] * P(i, at);
+    block(at, 0, 1, offset) = block(0, at, offset, 1).transpose();
+    block(at, at, 1, 1)(0, 0) = variance;
+  }
   *free = {uv, rho, pose, offset};
   ++poses_[static_cast<std::size_t>(pose)].features;
   ++feature_count_;

@@ -77,9 +77,11 @@ class FilterState {
   int clonePose(PoseKind kind, std::uint64_t tag);
   // A pose of its own, which nothing else knows of. covariance: of its xi.
   int addPose(PoseKind kind, std::uint64_t tag, const Transform& T_w_s, const Matrix6d& covariance);
-  // covariance: of (u, v, rho). -1 when there is no place.
-  int addFeature(int pose, const Eigen::Vector2d& uv, double rho,
-                 const Eigen::Matrix3d& covariance);
+  // covariance: of (u, v, rho). from_state: where rho is a function of the state, its derivative by
+  // all coordinates, size() of them; the covariance is of what comes to that. -1 when there is no
+  // place.
+  int addFeature(int pose, const Eigen::Vector2d& uv, double rho, const Eigen::Matrix3d& covariance,
+                 const double* from_state = nullptr);
   // Forgets them: what they had told stays.
   void removeFeature(int feature);
   void removePose(int pose);  // Precondition: no feature hangs on it.

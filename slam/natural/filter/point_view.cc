@@ -35,6 +35,25 @@ bool viewFeature(const CameraModel& camera, const Transform& T_w_c, const Transf
   return true;
 }
 
+std::optional<DepthView> viewDepth(const Transform& T_w_c, const Transform& T_w_a,
+                                   const StateFeature& feature) {
+  const Eigen::Vector3d ray_w = T_w_a.R * Eigen::Vector3d(feature.uv.x(), feature.uv.y(), 1.0);
+  const Eigen::Vector3d between_w = T_w_a.p - T_w_c.p;
+  const Eigen::Vector3d y_w = ray_w + feature.rho * between_w;
+  const Eigen::RowVector3d axis = T_w_c.R.col(2).transpose();
+  const double forward = axis * y_w;
+  if (!(forward > kLeastForward * y_w.norm())) return std::nullopt;
+  DepthView view;
+  view.rho = feature.rho / forward;
+  // rho / forward: what moves the point's direction away from the axis makes it deeper.
+  const Eigen::RowVector3d J = -view.rho / forward * axis;
+  view.J_pose.leftCols<3>() = feature.rho * J;
+  view.J_pose.rightCols<3>() = -J * skew(ray_w + feature.rho * T_w_a.p);
+  view.J_feature.leftCols<2>() = J * T_w_a.R.leftCols<2>();
+  view.J_feature[2] = J * between_w + 1.0 / forward;
+  return view;
+}
+
 bool viewPoint(const Transform& T_w_c, const Transform& T_w_s, const Eigen::Vector3d& p_s,
                PointView* view) {
   const Eigen::Vector3d p_w = T_w_s * p_s;

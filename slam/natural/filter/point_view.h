@@ -4,6 +4,8 @@
 // that by the pose's, so that a motion of the whole world changes nothing (filter_state.h).
 #pragma once
 
+#include <optional>
+
 #include <Eigen/Core>
 
 #include "slam/geometry/camera_model.h"
@@ -22,6 +24,16 @@ struct PointView {
 [[nodiscard]] bool viewFeature(const CameraModel& camera, const Transform& T_w_c,
                                const Transform& T_w_a, const StateFeature& feature,
                                PointView* view);
+
+// How deep a feature is in a camera: 1 / metres along its optical axis.
+struct DepthView {
+  double rho = 0.0;
+  Eigen::Matrix<double, 1, 6> J_pose;  // d rho / d xi of the anchor; by the camera's: minus that
+  Eigen::RowVector3d J_feature;        // d rho / d (u, v, rho)
+};
+// Empty where the camera cannot see it.
+[[nodiscard]] std::optional<DepthView> viewDepth(const Transform& T_w_c, const Transform& T_w_a,
+                                                 const StateFeature& feature);
 
 // A point at p_s in the frame of a pose, in normalized coordinates; J_feature is zero. False behind
 // the camera.

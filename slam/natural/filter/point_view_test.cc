@@ -80,6 +80,46 @@ TEST(PointView, JacobiansOfFeatures) {
   }
 }
 
+TEST(PointView, DepthIsThatInTheCameraWithJacobians) {
+  for (unsigned seed = 0; seed < 20; ++seed) {
+    const Scene s(seed);
+    const auto depth = [](const Transform& T_w_c, const Transform& T_w_a, const StateFeature& f) {
+      const auto view = viewDepth(T_w_c, T_w_a, f);
+      EXPECT_TRUE(view);
+      return view ? view->rho : 0.0;
+    };
+    const auto view = viewDepth(s.T_w_c, s.T_w_a, s.feature);
+    ASSERT_TRUE(view);
+    const Eigen::Vector3d p_w =
+        s.T_w_a * (Eigen::Vector3d(s.feature.uv.x(), s.feature.uv.y(), 1.0) / s.feature.rho);
+    EXPECT_NEAR(1.0 / view->rho, (s.T_w_c.inverse() * p_w).z(), 1e-9);
+
+    constexpr double kStep = 1e-6;
+    for (int i = 0; i < 6; ++i) {
+      Vector6d xi = Vector6d::Zero();
+      xi[i] = kStep;
+      const auto slope = [&](const auto& at) {
+        return (at(expSe3(xi)) - at(expSe3(-xi))) / (2.0 * kStep);
+      };
+      const double by_anchor =
+          slope([&](const Transform& X) { return depth(s.T_w_c, X * s.T_w_a, s.feature); });
+      const double by_camera =
+          slope([&](const Transform& X) { return depth(X * s.T_w_c, s.T_w_a, s.feature); });
+      EXPECT_NEAR(view->J_pose[i], by_anchor, 1e-7);
+      EXPECT_NEAR(-view->J_pose[i], by_camera, 1e-7);
+    }
+    for (int i = 0; i < 3; ++i) {
+      StateFeature more = s.feature;
+      StateFeature less = s.feature;
+      (i < 2 ? more.uv[i] : more.rho) += kStep;
+      (i < 2 ? less.uv[i] : less.rho) -= kStep;
+      EXPECT_NEAR(view->J_feature[i],
+                  (depth(s.T_w_c, s.T_w_a, more) - depth(s.T_w_c, s.T_w_a, less)) / (2.0 * kStep),
+                  1e-7);
+    }
+  }
+}
+
 TEST(PointView, JacobiansOfPoints) {
   for (unsigned seed = 0; seed < 20; ++seed) {
     const Scene s(seed);

@@ -152,7 +152,8 @@ class PointWorld {
       }
       const double s = options_.sigma_px;
       matches_.push_back({i, *pixel + noise(s), s * s * Eigen::Matrix2d::Identity(),
-                          s * s * Eigen::Matrix2d::Identity(), age_[k] < options_.trial_frames});
+                          s * s * Eigen::Matrix2d::Identity(), age_[k] < options_.trial_frames,
+                          age_[k]});
       believed += !matches_.back().on_trial;
     }
     // Better some that may be wrong than none.

@@ -2,6 +2,8 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
+#include <utility>
 
 #include <Eigen/LU>
 
@@ -215,7 +217,8 @@ std::optional<FeatureMatch> VisualFilter::find(const Candidate& candidate) const
     at = fromLevel(aligned->at, level);
     const double per_level = 1 << level;
     const Eigen::Matrix2d covariance = per_level * per_level * aligned->covariance;
-    match = FeatureMatch{candidate.feature, at, covariance, covariance, candidate.on_trial};
+    match = FeatureMatch{candidate.feature,  at,         covariance, covariance,
+                         candidate.on_trial, feature.age};
     measured_at = level;
   }
   if (match) {
@@ -302,16 +305,6 @@ void VisualFilter::dropHopeless(VisualUpdate* result) {
   }
 }
 
-double VisualFilter::inverseDepthNow(int feature) const {
-  const StateFeature& f = stateOf(feature);
-  const Transform& T_w_a = filter_.state().poses()[static_cast<std::size_t>(f.pose)].T_w_s;
-  const Transform& T_w_c = filter_.state().camera();
-  const Eigen::Vector3d y =
-      T_w_c.R.transpose() *
-      (T_w_a.R * Eigen::Vector3d(f.uv.x(), f.uv.y(), 1.0) + f.rho * (T_w_a.p - T_w_c.p));
-  return f.rho / y.z();
-}
-
 bool VisualFilter::isWellKnown(int feature) const {
   const StateFeature& f = stateOf(feature);
   const double variance = filter_.state().P(f.offset + 2, f.offset + 2);
@@ -352,64 +345,65 @@ void VisualFilter::estimateSurfaces() {
 
 // --- New features --------------------------------------------------------------------------------
 
-double VisualFilter::likelyInverseDepth(const Eigen::Vector2d& pixel) const {
+int VisualFilter::addAtLikelyDepth(const NewFeature& feature, const Eigen::Vector2d& pixel,
+                                   int anchor, int first) {
   // The mean of the nearest ones that are known.
-  constexpr int kNearestOnes = 3;
-  struct Near {
-    double distance2 = 1e300;
-    double rho = 0.0;
-  };
-  std::array<Near, kNearestOnes> nearest;
+  constexpr std::size_t kNearestOnes = 3;
+  std::array<double, kNearestOnes> distance2;
+  std::array<int, kNearestOnes> nearest{};
+  distance2.fill(std::numeric_limits<double>::max());
   for (const Candidate& candidate : candidates_) {
     if (stateOf(candidate.feature).offset < 0 || !candidate.believed ||
         !isWellKnown(candidate.feature)) {
       continue;
     }
-    const Near near{(candidate.expected.pixel - pixel).squaredNorm(),
-                    inverseDepthNow(candidate.feature)};
-    if (!(near.rho > 0.0) || near.distance2 >= nearest.back().distance2) continue;
-    nearest.back() = near;
-    for (std::size_t i = nearest.size() - 1; i > 0; --i) {
-      if (nearest[i].distance2 < nearest[i - 1].distance2) std::swap(nearest[i], nearest[i - 1]);
+    const double d2 = (candidate.expected.pixel - pixel).squaredNorm();
+    if (d2 >= distance2.back()) continue;
+    distance2.back() = d2;
+    nearest.back() = candidate.feature;
+    for (std::size_t i = kNearestOnes - 1; i > 0 && distance2[i] < distance2[i - 1]; --i) {
+      std::swap(distance2[i], distance2[i - 1]);
+      std::swap(nearest[i], nearest[i - 1]);
     }
   }
-  if (nearest.back().rho > 0.0) {
-    return (nearest[0].rho + nearest[1].rho + nearest[2].rho) / kNearestOnes;
+  const double ratio = options_.features.depth_sigma_ratio;
+  if (distance2.back() < std::numeric_limits<double>::max()) {
+    return filter_.addFeatureLike(nearest, anchor, feature.uv, feature.uv_covariance, ratio);
   }
-  return 1.0 / (marker_depth_m_ > 0.0 ? marker_depth_m_ : options_.features.first_depth_m);
+  // A guess is one for all of them.
+  if (first >= 0) {
+    return filter_.addFeatureLike({&first, 1}, anchor, feature.uv, feature.uv_covariance, ratio);
+  }
+  const double rho =
+      1.0 / (marker_depth_m_ > 0.0 ? marker_depth_m_ : options_.features.first_depth_m);
+  Eigen::Matrix3d covariance = Eigen::Matrix3d::Zero();
+  covariance.topLeftCorner<2, 2>() = feature.uv_covariance;
+  covariance(2, 2) = ratio * ratio * rho * rho;
+  return filter_.addFeature(anchor, feature.uv, rho, covariance);
 }
 
-bool VisualFilter::addFeature(const CameraModel& camera, int anchor, const Eigen::Vector2d& pixel,
-                              double rho, double rho_sigma, double max_sigma_px) {
+auto VisualFilter::cutFeature(const CameraModel& camera, const Eigen::Vector2d& pixel,
+                              double max_sigma_px) const -> std::optional<NewFeature> {
   const int x = static_cast<int>(std::lround(pixel.x()));
   const int y = static_cast<int>(std::lround(pixel.y()));
   const auto uv = camera.undistort({x, y});
-  if (!uv) return false;
-  PatchSource source;
-  cutPatch(levels_[0], levels_[1], x, y, &source);
+  if (!uv) return std::nullopt;
+  NewFeature made;
+  cutPatch(levels_[0], levels_[1], x, y, &made.feature.source);
   PatchTemplate patch;
-  if (!warpPatch(source, Eigen::Matrix2d::Identity(), 0, &patch)) return false;
+  if (!warpPatch(made.feature.source, Eigen::Matrix2d::Identity(), 0, &patch)) return std::nullopt;
   const Eigen::Matrix2d C = patch.covariance(options_.patches.image_noise);
-  if (!(longestSigma(C) <= max_sigma_px)) return false;
+  if (!(longestSigma(C) <= max_sigma_px)) return std::nullopt;
   Eigen::Matrix2d D;
   (void)camera.distort(*uv, &D);
   const Eigen::Matrix2d uv_from_pixel = D.inverse();
   // What the patch shows around the feature is what is found again: with the noise it has here.
   const double s = options_.patches.systematic_px;
-  Eigen::Matrix3d covariance = Eigen::Matrix3d::Zero();
-  covariance.topLeftCorner<2, 2>() =
+  made.uv = *uv;
+  made.uv_covariance =
       uv_from_pixel * (C + s * s * Eigen::Matrix2d::Identity()) * uv_from_pixel.transpose();
-  covariance(2, 2) = rho_sigma * rho_sigma;
-  const int place = filter_.addFeature(anchor, *uv, rho, covariance);
-  if (place < 0) return false;
-  Feature& feature = features_[static_cast<std::size_t>(place)];
-  feature.source = source;
-  feature.uv_from_pixel = uv_from_pixel;
-  feature.surface.setZero();
-  feature.age = 0;
-  feature.failures = 0;
-  feature.outside = 0;
-  return true;
+  made.feature.uv_from_pixel = uv_from_pixel;
+  return made;
 }
 
 void VisualFilter::findCorners() {
@@ -493,13 +487,17 @@ void VisualFilter::addFeatures(const CameraModel& camera, VisualUpdate* result) 
   filter_.removeEmptyAnchors();
   const int anchor = filter_.addAnchor();
   if (anchor < 0) return;
+  int first = -1;
   for (const FoundCorner& corner : found_corners_) {
     if (filter_.state().featureCount() >= static_cast<int>(features_.size())) break;
     const Eigen::Vector2d pixel(corner.x, corner.y);
-    const double rho = likelyInverseDepth(pixel);
-    result->added +=
-        addFeature(camera, anchor, pixel, rho, options_.features.depth_sigma_ratio * rho,
-                   options_.features.max_sigma_px);
+    const auto made = cutFeature(camera, pixel, options_.features.max_sigma_px);
+    if (!made) continue;
+    const int place = addAtLikelyDepth(*made, pixel, anchor, first);
+    if (place < 0) continue;
+    features_[static_cast<std::size_t>(place)] = made->feature;
+    if (first < 0) first = place;
+    ++result->added;
   }
 }
 
@@ -515,7 +513,15 @@ int VisualFilter::addKnownPoints(const ImageView& image, const CameraModel& came
   int added = 0;
   for (const KnownPoint& point : points) {
     if (!camera.inImage(point.pixel, kNewBorder_px)) continue;
-    added += addFeature(camera, anchor, point.pixel, point.rho, point.rho_sigma, kAnyTexture);
+    const auto made = cutFeature(camera, point.pixel, kAnyTexture);
+    if (!made) continue;
+    Eigen::Matrix3d covariance = Eigen::Matrix3d::Zero();
+    covariance.topLeftCorner<2, 2>() = made->uv_covariance;
+    covariance(2, 2) = point.rho_sigma * point.rho_sigma;
+    const int place = filter_.addFeature(anchor, made->uv, point.rho, covariance);
+    if (place < 0) break;
+    features_[static_cast<std::size_t>(place)] = made->feature;
+    ++added;
   }
   filter_.removeEmptyAnchors();
   return added;

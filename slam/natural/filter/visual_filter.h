@@ -172,15 +172,22 @@ class VisualFilter {
   // The corners of the image's empty parts, the best first.
   void findCorners();
   bool makeRoomForAnchor();
-  [[nodiscard]] bool addFeature(const CameraModel& camera, int anchor, const Eigen::Vector2d& pixel,
-                                double rho, double rho_sigma, double max_sigma_px);
-  // Inverse depth along the optical axis that is likely at a pixel.
-  [[nodiscard]] double likelyInverseDepth(const Eigen::Vector2d& pixel) const;
+  // A feature to be: what is seen of it in the image at hand.
+  struct NewFeature {
+    Feature feature;
+    Eigen::Vector2d uv = Eigen::Vector2d::Zero();
+    Eigen::Matrix2d uv_covariance = Eigen::Matrix2d::Zero();
+  };
+  [[nodiscard]] std::optional<NewFeature> cutFeature(const CameraModel& camera,
+                                                     const Eigen::Vector2d& pixel,
+                                                     double max_sigma_px) const;
+  // Its place in the state, as deep as its surroundings are likely to be; -1 when there is none.
+  // first: of those added in this frame, -1 for the first one itself.
+  [[nodiscard]] int addAtLikelyDepth(const NewFeature& feature, const Eigen::Vector2d& pixel,
+                                     int anchor, int first);
   [[nodiscard]] const StateFeature& stateOf(int feature) const {
     return filter_.state().features()[static_cast<std::size_t>(feature)];
   }
-  // Inverse depth of a feature in the camera as it is now.
-  [[nodiscard]] double inverseDepthNow(int feature) const;
   [[nodiscard]] bool isWellKnown(int feature) const;
 
   VisualFilterOptions options_;
