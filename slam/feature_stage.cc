@@ -82,6 +82,7 @@ void FeatureStage::late(const LateResult& seen, const MapMarker& picture,
     case LateOutcome::kRefused:
       ++counters_->refused_pictures;
       break;
+    case LateOutcome::kNoted:
     case LateOutcome::kKnown:
     case LateOutcome::kUnknown:
       break;

@@ -91,6 +91,32 @@ measure_long() {
     '{run: $run.name, made: $made, reports: $reports[0]}' | write_json "$2"
 }
 
+# measure_gaps RUN FILE: poses between markers.
+measure_gaps() {
+  local arguments
+  mapfile -t arguments < <(jq -r '.arguments[]' <<< "$1")
+  build/release/tests/bench/gaps "${arguments[@]}" --json "$work/gaps.json" >&2
+  jq -n --argjson run "$1" --argjson made "$(provenance)" --slurpfile report "$work/gaps.json" \
+    '{run: $run.name, made: $made, report: $report[0][0]}' | write_json "$2"
+}
+
+# measure_targets NAME FILE: the targets on the scene `table`, seen from poses that come from one
+# natural marker and what is between.
+measure_targets() {
+  local seed from
+  rm -f "$work"/targets-*.json
+  for seed in ${seeds:-1 2 3}; do
+    from=$(dirname "$(render table --seed "$seed")")
+    rm -rf "$work/out"
+    "$waymark" run "$from/frames.avi" --calibration "$from/calib.yml" --quiet --marker-size 0.1 \
+      --natural "$from/natural_$1.json" --out "$work/out" || [[ $? -eq 3 ]]
+    build/release/tests/bench/targets "$from" "$work/out/trajectory.tum" \
+      --json "$work/targets-$seed.json" >&2
+  done
+  jq -n --arg name "$1" --argjson made "$(provenance)" '{name: $name, made: $made, seeds: [inputs]}' \
+    "$work"/targets-*.json | write_json "$2"
+}
+
 # reversed_images FROM TO: the images of a directory, last first, under new names.
 reversed_images() {
   local image i=0

@@ -125,6 +125,41 @@ def long_table:
              "\(.mean_ms | digits) / \(.p99_ms | digits) / \(.max_ms | digits)",
              (.resident_mb | digits), (.ate_mm | digits), (.ace_mm | digits), $version] end]);
 
+def gap_missed($t):
+  [ (select($t.end_mm and .ends.from_marker_mm.worst > $t.end_mm) | "end"),
+    (select($t.jump_mm and .ends.jump_mm.worst > $t.jump_mm) | "jump"),
+    (select($t.share_percent and .ends.share_percent.worst > $t.share_percent) | "share") ];
+def gap_table:
+  table(["scene", "gaps", "way, m", "off at the end, mm: rms / worst", "of the way: rms / worst", "scale, rms",
+         "jump, mm: rms / worst", "NEES at 1 / 2 / 5 / 10 s", "frames with a pose", "beyond 3 sigma",
+         "mean / p99 / longest frame, ms", "target", "met", "version"];
+    [$plan.gaps[] as $plan | first($gaps[] | select(.run == $plan.name)) // null
+      | if . == null then [$plan.what, "not measured"] + [range(12) | ""] else
+        .made.commit as $version | .report
+          | [$plan.what, "\(.ends.gaps), \(.ends.lost) lost", (.ends.way_m | digits),
+             "\(.ends.from_marker_mm.rms | digits) / \(.ends.from_marker_mm.worst | digits)",
+             "\(.ends.share_percent.rms | digits) / \(.ends.share_percent.worst | digits) %",
+             "\(.ends.scale_percent.rms | digits) %",
+             "\(.ends.jump_mm.rms | digits) / \(.ends.jump_mm.worst | digits)",
+             ([.into[].nees | digits] | join(" / ")), "\(.posed_percent | digits) %",
+             "\(.beyond_3_sigma_percent | digits) %",
+             "\(.cpu_ms.mean | digits) / \(.cpu_ms.p99 | digits) / \(.cpu_ms.worst | digits)",
+             ($plan.target // {} | [(.end_mm | select(.) | "end <= \(.) mm"), (.jump_mm | select(.) | "jump <= \(.) mm"),
+                (.share_percent | select(.) | "end <= \(.) %")] | join(", ")),
+             (if $plan.target then gap_missed($plan.target) | verdict else "" end), $version] end]);
+
+def target_missed($t): [.seeds[] | select((.px.mean // 1e9) > $t) | "mean"];
+def target_table:
+  table(["natural marker", "from, m", "frames with a pose, by seed", "mean, px", "standard deviation, px", "worst, px",
+         "target", "met", "version"];
+    [$plan.targets[] as $plan | first($targets[] | select(.name == $plan.name)) // null
+      | if . == null then [$plan.name, "not measured"] + [range(7) | ""] else
+        [.name, $plan.far_m, ([.seeds[] | "\(.posed) of \(.frames)"] | join(", ")),
+         ([.seeds[].px.mean | if . then digits else "none" end] | join(", ")),
+         ([.seeds[].px.deviation | if . then digits else "none" end] | join(", ")),
+         ([.seeds[].px.worst | if . then digits else "none" end] | join(", ")),
+         "mean <= \($plan.target_px)", (target_missed($plan.target_px) | verdict), .made.commit] end]);
+
 def recording_missed($t):
   [ (select($t.markers and .stats.markers < $t.markers) | "markers"),
     (select($t.rms_px and .map_rms_px == null) | "RMS not measured"),
@@ -166,6 +201,12 @@ $text.corners, "", corner_table,
 "## Very many frames, very many markers",
 "",
 $text.long, "", long_table,
+"## Between markers",
+"",
+$text.gaps, "", gap_table,
+"### Targets from natural markers",
+"",
+$text.targets, "", target_table,
 "## Real recordings",
 "",
 $text.recordings, "", recording_table

@@ -9,6 +9,7 @@
 
 #include "base/elapsed.h"
 #include "slam/covariance/marginals.h"
+#include "slam/geometry/turned_covariance.h"
 #include "slam/option_checks.h"
 
 namespace waymark::slam {
@@ -43,7 +44,10 @@ std::string PoseIntegratorOptions::invalidReason() const {
                      {isPositive(max_blind_s), "max_blind_s must be positive"},
                      {witnesses >= 1, "witnesses must be at least 1"},
                      {isPositive(start_sigma_m), "start_sigma_m must be positive"},
-                     {isPositive(start_sigma_rad), "start_sigma_rad must be positive"}});
+                     {isPositive(start_sigma_rad), "start_sigma_rad must be positive"},
+                     {isPositive(adrift_scale_sigma), "adrift_scale_sigma must be positive"},
+                     {isPositive(max_start_error), "max_start_error must be positive"},
+                     {isPositive(max_rescale_sigma), "max_rescale_sigma must be positive"}});
 }
 
 std::string NaturalOptions::invalidReason() const {
@@ -130,9 +134,9 @@ std::optional<PoseEstimate> PoseIntegrator::bridge(std::int64_t time_ns, const I
   fused_.reset();
   advance(time_ns);
   if (!running()) return std::nullopt;
-  if (std::exchange(anew_, false)) beginAtKnownPoints(image);
   const auto update = look(time_ns, image);
-  if (!update || adrift_) return std::nullopt;
+  if (update && anew_) beginAtKnownPoints(image);
+  if (!update || !running() || adrift_) return std::nullopt;
   const bool seen = last_seen_ns_ == time_ns;
   const FilteredPose pose = filter_->pose();
   const double blind_s = secondsBetween(last_seen_ns_, time_ns);
@@ -160,38 +164,98 @@ void PoseIntegrator::await(std::uint64_t frame, std::int64_t time_ns, const Imag
     last_seen_ns_ = time_ns;
     adrift_ = true;
   }
-  filter_->filter().forgetPast();  // who looks has answered
+  if (!adrift_) filter_->filter().forgetPast();  // who looks has answered
   filter_->filter().markPast(frame);
 }
 
 LateOutcome PoseIntegrator::late(std::uint64_t frame, const Transform& T_w_c,
                                  const Matrix6d& covariance,
                                  std::span<const Eigen::Vector3d> points_w) {
-  if (!running()) return LateOutcome::kUnknown;
+  if (!running() || points_w.empty()) return LateOutcome::kUnknown;
   FeatureFilter& filter = filter_->filter();
+  if (!filter.pastPose(frame)) return LateOutcome::kUnknown;
   if (!adrift_) {
     // Pictures' errors are much the same from image to image: averaging them would make too much
     // of them.
-    if (variance(filter_->pose().covariance) < variance(covariance)) return LateOutcome::kKnown;
-    const PoseOutcome outcome = filter.observePastPose(frame, T_w_c, covariance);
-    if (outcome == PoseOutcome::kUnknownFrame) return LateOutcome::kUnknown;
+    const bool known = variance(filter_->pose().covariance) < variance(covariance);
+    const PoseOutcome outcome = known ? filter.comparePastPose(frame, T_w_c, covariance)
+                                      : filter.observePastPose(frame, T_w_c, covariance);
     if (outcome == PoseOutcome::kUsed) {
       late_refusals_ = 0;
-      return LateOutcome::kUsed;
+      return known ? LateOutcome::kKnown : LateOutcome::kUsed;
     }
     if (++late_refusals_ < options_.integrator.witnesses) return LateOutcome::kRefused;
+    late_refusals_ = 0;
+    adrift_ = true;
   }
-  if (!filter.restartFromPast(frame, T_w_c, covariance)) return LateOutcome::kUnknown;
-  late_refusals_ = 0;
-  anew_ = std::exchange(adrift_, false);
-  if (anew_) known_points_w_.assign(points_w.begin(), points_w.end());
-  ambiguity_ratio_ = kUnambiguous;
+  const Fix fix{frame, T_w_c, covariance};
+  const Eigen::Map<const Eigen::Matrix3Xd> points(points_w.front().data(), 3,
+                                                  static_cast<Eigen::Index>(points_w.size()));
+  const double distance_m = (points.rowwise().mean() - T_w_c.p).norm();
+  const auto now = carriedFrom(fix);
+  if (!now || now->doubt_m > options_.integrator.max_start_error * distance_m) {
+    if (!first_fix_) first_fix_ = fix;
+    return LateOutcome::kNoted;
+  }
+  begin(fix, points_w);
   return LateOutcome::kStarted;
 }
 
+void PoseIntegrator::begin(const Fix& fix, std::span<const Eigen::Vector3d> points_w) {
+  const Scale scale = scaleOf(fix);
+  FeatureFilter& filter = filter_->filter();
+  if (scale.sigma < options_.integrator.max_rescale_sigma) {
+    (void)filter.rescaleFromPast(fix.frame, scale.metres, scale.sigma);
+    (void)filter.restartFromPast(fix.frame, fix.T_w_c, fix.covariance);
+    first_fix_.reset();
+  } else {
+    anew_ = fix;
+    known_points_w_.assign(points_w.begin(), points_w.end());
+  }
+  adrift_ = false;
+  ambiguity_ratio_ = kUnambiguous;
+}
+
+PoseIntegrator::Scale PoseIntegrator::scaleOf(const Fix& fix) const {
+  Scale scale{1.0, options_.integrator.adrift_scale_sigma};
+  if (!first_fix_) return scale;
+  const FeatureFilter& filter = filter_->filter();
+  const auto first = filter.pastPose(first_fix_->frame);
+  const auto second = filter.pastPose(fix.frame);
+  if (!first || !second) return scale;
+  const double own = (second->p - first->p).norm();
+  const Eigen::Vector3d way = fix.T_w_c.p - first_fix_->T_w_c.p;
+  const double sigma_m = std::sqrt(variance(fix.covariance) + variance(first_fix_->covariance));
+  // Less says nothing.
+  if (!(way.norm() > sigma_m) || !(own > 0.0)) return scale;
+  return {way.norm() / own, sigma_m / way.norm()};
+}
+
+std::optional<PoseIntegrator::Carried> PoseIntegrator::carriedFrom(const Fix& fix) const {
+  const auto motion = filter_->filter().motionSince(fix.frame);
+  if (!motion || !motion->T_p_c.p.allFinite() || !motion->covariance.allFinite()) {
+    return std::nullopt;
+  }
+  const Scale scale = scaleOf(fix);
+  Transform T_p_c = motion->T_p_c;
+  T_p_c.p *= scale.metres;
+  Matrix6d way = motion->covariance;
+  way.topRows<3>() *= scale.metres;
+  way.leftCols<3>() *= scale.metres;
+  way.topLeftCorner<3, 3>() += scale.sigma * scale.sigma * T_p_c.p * T_p_c.p.transpose();
+
+  Carried carried{.pose = {.T_w_c = fix.T_w_c * T_p_c}, .doubt_m = std::sqrt(variance(way))};
+  const Matrix6d T = rigidTransport(carried.pose.T_w_c.p - fix.T_w_c.p);
+  carried.pose.covariance = T * fix.covariance * T.transpose() + turnedCovariance(fix.T_w_c.R, way);
+  return carried;
+}
+
 void PoseIntegrator::beginAtKnownPoints(const ImageView& image) {
-  const FilteredPose pose = filter_->pose();
-  if (!isFinite(pose)) return;
+  const auto carried = carriedFrom(*anew_);
+  anew_.reset();
+  first_fix_.reset();
+  if (!carried) return giveUp();
+  const FilteredPose& pose = carried->pose;
   filter_->reinitialize(pose.T_w_c, pose.covariance);
   const Transform T_c_w = pose.T_w_c.inverse();
   std::vector<VisualFilter::KnownPoint> points;
@@ -229,7 +293,9 @@ void PoseIntegrator::advance(std::int64_t time_ns) {
 
 void PoseIntegrator::giveUp() {
   filter_->reset();
-  adrift_ = anew_ = false;
+  adrift_ = false;
+  anew_.reset();
+  first_fix_.reset();
 }
 
 void PoseIntegrator::start(std::int64_t time_ns, const PoseEstimate& pose) {

@@ -54,6 +54,16 @@ struct PoseIntegratorOptions {
   // standard deviations, metres and radians.
   double start_sigma_m = 0.02;
   double start_sigma_rad = 0.02;
+  // A filter without a place in the world knows no scale either: by how much it may be wrong, as a
+  // share, until two pictures' views tell.
+  double adrift_scale_sigma = 1.0;
+  // It begins at a picture as soon as the camera's way since the picture's view is known to this
+  // share of the distance to it. More begins sooner where the camera moves, and at points that are
+  // further from where they are taken to be.
+  double max_start_error = 0.03;
+  // Its features go on with the scale that two views tell if that is known better than this, as a
+  // share; else they are given up for new ones on the picture, whose distance is known.
+  double max_rescale_sigma = 0.25;
 
   // Empty when usable, else what is wrong.
   [[nodiscard]] std::string invalidReason() const;
@@ -76,6 +86,7 @@ enum class LateOutcome : std::uint8_t {
   kKnown,    // the place is known better than that
   kRefused,  // contradicts what is known
   kStarted,  // the filter goes on from there: it had no place in the world, or a wrong one
+  kNoted,    // the filter would, but how far the camera has gone since is not known yet
   kUnknown,  // nobody follows features since that frame
 };
 
@@ -116,8 +127,29 @@ class PoseIntegrator {
   [[nodiscard]] bool running() const { return filter_ && filter_->running(); }
   // The features seen in it, if any; nullopt where they are given up.
   [[nodiscard]] std::optional<VisualUpdate> look(std::int64_t time_ns, const ImageView& image);
-  // The filter anew, from its own pose, with features whose places are known: what it had seen
-  // while adrift is of no known scale.
+  // Where the camera was in a frame, as a picture says.
+  struct Fix {
+    std::uint64_t frame = 0;
+    Transform T_w_c;
+    Matrix6d covariance = Matrix6d::Zero();
+  };
+  // Where the camera is by now, and how little is known of its way since the fix, metres: what the
+  // filter has seen of it is of no known scale.
+  struct Carried {
+    FilteredPose pose;
+    double doubt_m = 0.0;
+  };
+  [[nodiscard]] std::optional<Carried> carriedFrom(const Fix& fix) const;
+  // Metres for one of the filter's own, from the way between two fixes, and its standard deviation
+  // as a share.
+  struct Scale {
+    double metres = 1.0;
+    double sigma = 1.0;
+  };
+  [[nodiscard]] Scale scaleOf(const Fix& fix) const;
+  // At a fix of now on, with the features there are or with new ones on points_w.
+  void begin(const Fix& fix, std::span<const Eigen::Vector3d> points_w);
+  // The filter anew, with features whose places are known.
   void beginAtKnownPoints(const ImageView& image);
   // After a frame with that pose from markers.
   [[nodiscard]] std::optional<PoseEstimate> fusedPose(const PoseEstimate& of_markers,
@@ -142,7 +174,8 @@ class PoseIntegrator {
   bool bridging_ = false;            // the last frame's pose was from features
   int contradictions_ = 0;           // frames in succession
   bool adrift_ = false;              // the filter has no place in the world yet
-  bool anew_ = false;                // it has got one since the last frame
+  std::optional<Fix> first_fix_;     // while adrift
+  std::optional<Fix> anew_;          // that it is to begin from in the next frame
   int late_refusals_ = 0;            // in succession, without a marker in between
   std::vector<Eigen::Vector3d> known_points_w_;
   double ambiguity_ratio_ = 0.0;  // of the last pose from markers

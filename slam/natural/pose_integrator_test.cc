@@ -202,6 +202,114 @@ TEST_F(PoseIntegratorTest, OffItIsNotThere) {
   EXPECT_FALSE(step(See::kWallOnly).pose);
 }
 
+// Frames of a picture's surface alone, every fifth of which is looked at elsewhere, with an answer
+// five frames later; the camera moves on meanwhile.
+class StartFromPictureTest : public PoseIntegratorTest {
+ protected:
+  struct Awaited {
+    int frame = 0;
+    Transform T_w_c;
+  };
+
+  // answers: whether the one looked at was found.
+  std::optional<PoseEstimate> stepAwaited(bool answers) {
+    constexpr int kFramesPerLook = 5;
+    if (awaited_ && frame_ % kFramesPerLook == 0 && answers) {
+      const Matrix6d covariance = sigma_ * sigma_ * Matrix6d::Identity();
+      outcome_ = integrator_->late(static_cast<std::uint64_t>(awaited_->frame), awaited_->T_w_c,
+                                   covariance, points_w_);
+    }
+    const int number = frame_;
+    const auto pose = step(See::kWallOnly).pose;
+    if (number % kFramesPerLook == 0) {
+      const ImageView image{pixels_.data(), camera_.width(), camera_.height(), camera_.width()};
+      integrator_->await(static_cast<std::uint64_t>(number),
+                         static_cast<std::int64_t>(1e9 * number / kRate_hz), image,
+                         pose.has_value());
+      awaited_ = {number, truth_};
+    }
+    return pose;
+  }
+  void expectRight(const PoseEstimate& pose, double limit_m = 0.05) const {
+    EXPECT_LT(error_m(pose), limit_m) << frame_;
+    const Vector6d e = pose.T_w_c.localCoordinates(truth_);
+    EXPECT_LT(e.dot(pose.covariance.ldlt().solve(e)), 30.0) << frame_;
+  }
+
+  // Of a poster on the wall.
+  std::vector<Eigen::Vector3d> points_w_ = [] {
+    std::vector<Eigen::Vector3d> points;
+    for (const double x : {-0.2, -0.07, 0.07, 0.2}) {
+      for (const double z : {-0.2, 0.0, 0.2}) points.emplace_back(x - 0.5, 0.0, z);
+    }
+    return points;
+  }();
+  double sigma_ = 0.002;  // of what is said of a frame, metres and radians
+  std::optional<Awaited> awaited_;
+  LateOutcome outcome_ = LateOutcome::kUnknown;
+};
+
+TEST_F(StartFromPictureTest, BeginsWhereTwoViewsTellTheWayBetweenThem) {
+  bool noted = false;
+  int posed = 0;
+  for (int i = 0; i < 60; ++i) {
+    const auto pose = stepAwaited(true);
+    noted = noted || outcome_ == LateOutcome::kNoted;
+    if (!pose) continue;
+    EXPECT_TRUE(noted) << "one view says nothing of how far the camera has gone since";
+    expectRight(*pose);
+    ++posed;
+  }
+  EXPECT_GT(posed, 40);
+}
+
+TEST_F(StartFromPictureTest, GoesOnRightWhenThePictureIsGone) {
+  int posed = 0;
+  for (int i = 0; i < 75; ++i) {
+    const auto pose = stepAwaited(i < 20);
+    if (!pose) continue;
+    // The scale is from four views of 2 mm within 0.2 m; the way is 1 m.
+    expectRight(*pose, 0.12);
+    ++posed;
+  }
+  EXPECT_GT(posed, 50);
+}
+
+TEST_F(StartFromPictureTest, OneViewIsEnoughWhereTheCameraHardlyMoves) {
+  dolly_.speed_m_per_s = 0.05;
+  std::vector<LateOutcome> outcomes;
+  for (int i = 0; i < 12; ++i) {
+    const auto pose = stepAwaited(true);
+    if (pose) expectRight(*pose);
+    outcomes.push_back(outcome_);
+  }
+  EXPECT_EQ(std::ranges::count(outcomes, LateOutcome::kNoted), 0);
+  EXPECT_GT(std::ranges::count(outcomes, LateOutcome::kStarted), 0);
+}
+
+// Its place is known, and better than the picture says: that this says another is noticed all the
+// same.
+TEST_F(StartFromPictureTest, APoseThatPicturesContradictIsGivenUp) {
+  for (int i = 0; i < 30; ++i) (void)stepAwaited(true);
+  sigma_ = 0.02;
+  for (int i = 0; i < 10; ++i) (void)stepAwaited(true);
+  ASSERT_EQ(outcome_, LateOutcome::kKnown);
+  Transform moved;
+  moved.p = {0.3, 0.0, 0.0};
+  integrator_->moveWorld(moved);  // it is wrong by now
+  int refused = 0;
+  bool begun = false;
+  for (int i = 0; i < 60; ++i) {
+    outcome_ = LateOutcome::kUnknown;
+    const auto pose = stepAwaited(true);
+    if (outcome_ == LateOutcome::kRefused) ++refused;
+    begun = begun || outcome_ == LateOutcome::kStarted;
+    if (begun && pose) expectRight(*pose, 0.1);  // the pictures say 35 mm
+  }
+  EXPECT_EQ(refused, options_.integrator.witnesses - 1);
+  EXPECT_TRUE(begun);
+}
+
 TEST(NaturalOptions, WhatCannotWorkIsTold) {
   EXPECT_EQ(NaturalOptions{}.invalidReason(), "");
   NaturalOptions options;

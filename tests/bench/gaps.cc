@@ -24,15 +24,19 @@
 
 #include "base/clock.h"
 #include "base/image_view.h"
+#include "io/text/text_file.h"
 #include "simulator/simulation.h"
 #include "slam/slam.h"
 #include "tests/bench/command_line.h"
+#include "tests/bench/gap_report.h"
 #include "tools/exit_code.h"
 
 namespace waymark::bench {
 namespace {
 
 using slam::Transform;
+
+constexpr double kShortest_s = 1.0;  // a gap
 
 struct Arguments {
   std::vector<std::string> scenes = {"dolly"};
@@ -44,42 +48,7 @@ struct Arguments {
   double duration_s = 0.0;
   bool there_and_back = false;
   bool every_gap = false;
-};
-
-constexpr std::array<double, 4> kInto_s = {1.0, 2.0, 5.0, 10.0};
-constexpr double kShortest_s = 1.0;
-
-// A pose that was carried, against the truth.
-struct Carried {
-  double error_m = 0.0;
-  double from_marker_m = 0.0;
-  double sigma_m = 0.0;  // of the position, the root of the covariance's trace
-  double nees = 0.0;
-};
-
-struct Gap {
-  double begin_s = 0.0;  // of the last pose from markers
-  double end_s = 0.0;    // of the last frame before the next one
-  double way_m = 0.0;
-  std::array<std::optional<Carried>, kInto_s.size()> into;
-  std::optional<Carried> last;
-  double scale = 0.0;            // of the way since the beginning: estimated over true, less 1
-  std::optional<double> jump_m;  // at the next marker
-  int frames = 0;
-  int posed = 0;
-};
-
-struct Report {
-  std::vector<Gap> gaps;
-  std::vector<double> cpu_ms;  // of every frame
-  int frames = 0;              // since the first pose
-  int posed = 0;
-  int beyond_3_sigma = 0;  // frames
-  // Of the live maps at the end: the error of the distance between the two markers that are
-  // farthest from each other.
-  std::vector<double> distance_errors_mm;
-  int mapped = 0;   // markers
-  int markers = 0;  // that there are
+  std::string json;  // a file; empty: none
 };
 
 std::optional<Carried> carried(const slam::PoseEstimate& pose, const Transform& truth,
@@ -94,7 +63,7 @@ std::optional<Carried> carried(const slam::PoseEstimate& pose, const Transform& 
 // One run, frame after frame.
 class Follower {
  public:
-  explicit Follower(Report* report) : report_(report) {}
+  explicit Follower(GapReport* report) : report_(report) {}
 
   // T_w_scene: the map's world and the scene's, by the first keyframe and by the last marker.
   void add(double time_s, const slam::FrameResult& result, const Transform& T_scene_c,
@@ -149,7 +118,7 @@ class Follower {
     report_->gaps.push_back(*gap_);
   }
 
-  Report* report_;
+  GapReport* report_;
   std::optional<Gap> gap_;
   Place start_;   // the last pose from markers
   Place before_;  // the frame before
@@ -165,7 +134,7 @@ std::optional<Transform> byMarker(const slam::Map& map, const simulator::Simulat
   return std::nullopt;
 }
 
-void addMap(const slam::Map& map, const simulator::Simulation& simulation, Report* report) {
+void addMap(const slam::Map& map, const simulator::Simulation& simulation, GapReport* report) {
   double farthest_m = 0.0;
   double error_mm = 0.0;
   const auto& markers = simulation.markers();
@@ -186,7 +155,7 @@ void addMap(const slam::Map& map, const simulator::Simulation& simulation, Repor
 }
 
 Status runOnce(const Arguments& arguments, const std::string& scene, std::uint64_t seed,
-               Report* report) {
+               GapReport* report) {
   simulator::Options asked;
   asked.scene = scene;
   asked.seed = seed;
@@ -237,105 +206,10 @@ Status runOnce(const Arguments& arguments, const std::string& scene, std::uint64
   return success();
 }
 
-double mean(const std::vector<double>& values) {
-  double sum = 0.0;
-  for (const double value : values) sum += value;
-  return values.empty() ? 0.0 : sum / static_cast<double>(values.size());
-}
-
-double rms(const std::vector<double>& values) {
-  double sum = 0.0;
-  for (const double value : values) sum += value * value;
-  return values.empty() ? 0.0 : std::sqrt(sum / static_cast<double>(values.size()));
-}
-
-double largest(const std::vector<double>& values) {
-  return values.empty() ? 0.0 : *std::ranges::max_element(values);
-}
-
-double largestSize(std::vector<double> values) {
-  for (double& value : values) value = std::abs(value);
-  return largest(values);
-}
-
-void printInto(const Report& report) {
-  for (std::size_t i = 0; i < kInto_s.size(); ++i) {
-    std::vector<double> errors, from_marker, sigmas, nees;
-    for (const Gap& gap : report.gaps) {
-      if (!gap.into[i]) continue;
-      errors.push_back(1e3 * gap.into[i]->error_m);
-      from_marker.push_back(1e3 * gap.into[i]->from_marker_m);
-      sigmas.push_back(1e3 * gap.into[i]->sigma_m);
-      nees.push_back(gap.into[i]->nees);
-    }
-    if (errors.empty()) continue;
-    // The sum over n gaps of a quantity of 6 dimensions has 6n degrees of freedom.
-    const double band = 1.96 * std::sqrt(12.0 / static_cast<double>(nees.size()));
-    std::printf(
-        "  %4.0f s into %3zu gaps: error %6.1f mm rms, worst %6.1f, sigma %6.1f; from the marker "
-        "%.1f; NEES %5.2f (95 %% of 6: %.2f to %.2f)\n",
-        kInto_s[i], errors.size(), rms(errors), largest(errors), rms(sigmas), rms(from_marker),
-        mean(nees), 6.0 - band, 6.0 + band);
-  }
-}
-
-void printEnds(const Report& report) {
-  std::vector<double> errors, from_marker, shares, jumps, scales, ways;
-  int lost = 0;
-  for (const Gap& gap : report.gaps) {
-    ways.push_back(gap.way_m);
-    if (!gap.last) {
-      ++lost;
-      continue;
-    }
-    errors.push_back(1e3 * gap.last->error_m);
-    from_marker.push_back(1e3 * gap.last->from_marker_m);
-    shares.push_back(1e2 * gap.last->from_marker_m / std::max(gap.way_m, 1e-9));
-    scales.push_back(1e2 * gap.scale);
-    if (gap.jump_m) jumps.push_back(1e3 * *gap.jump_m);
-  }
-  std::printf(
-      "  ends: error %.1f mm rms, worst %.1f; from the marker %.1f, worst %.1f, of %.2f m (%.2f %% "
-      "rms, worst %.2f), scale %.2f %% rms; jump %.1f mm rms, worst %.1f; lost before the end: "
-      "%d of %zu\n",
-      rms(errors), largest(errors), rms(from_marker), largest(from_marker), mean(ways), rms(shares),
-      largest(shares), rms(scales), rms(jumps), largest(jumps), lost, report.gaps.size());
-}
-
-void print(const std::string& scene, Report report, bool every_gap) {
-  std::ranges::sort(report.cpu_ms);
-  const std::size_t frames = report.cpu_ms.size();
-  std::printf(
-      "%s: %zu frames, a pose in %.2f %% since the first one, NEES above 54 in %.2f %%; %.2f "
-      "ms a frame, p99 %.2f, worst %.2f\n",
-      scene.c_str(), frames, 1e2 * report.posed / std::max(1, report.frames),
-      1e2 * report.beyond_3_sigma / std::max(1, report.frames), mean(report.cpu_ms),
-      report.cpu_ms[frames * 99 / 100], report.cpu_ms.back());
-  printInto(report);
-  if (!report.gaps.empty()) printEnds(report);
-  std::printf(
-      "  live maps: %d of %d markers, distance of the farthest two off by %.1f mm rms, worst "
-      "%.1f\n",
-      report.mapped, report.markers, rms(report.distance_errors_mm),
-      largestSize(report.distance_errors_mm));
-  for (const Gap& gap : report.gaps) {
-    if (!every_gap) break;
-    std::printf("    %.2f to %.2f s, %.2f m: %d of %d frames", gap.begin_s, gap.end_s, gap.way_m,
-                gap.posed, gap.frames);
-    if (gap.last) {
-      std::printf(", error %.1f mm, from the marker %.1f, sigma %.1f, NEES %.1f, scale %.2f %%",
-                  1e3 * gap.last->error_m, 1e3 * gap.last->from_marker_m, 1e3 * gap.last->sigma_m,
-                  gap.last->nees, 1e2 * gap.scale);
-    }
-    if (gap.jump_m) std::printf(", jump %.1f mm", 1e3 * *gap.jump_m);
-    std::printf("\n");
-  }
-  std::fflush(stdout);
-}
-
 tools::ExitCode run(const Arguments& arguments) {
+  io::Json all = io::Json::array();
   for (const std::string& scene : arguments.scenes) {
-    Report report;
+    GapReport report;
     for (int i = 0; i < arguments.runs; ++i) {
       const Status done =
           runOnce(arguments, scene, arguments.seed + static_cast<std::uint64_t>(i), &report);
@@ -344,9 +218,14 @@ tools::ExitCode run(const Arguments& arguments) {
         return tools::kBadInput;
       }
     }
-    print(scene, std::move(report), arguments.every_gap);
+    const io::Json summary = summaryOf(scene, std::move(report));
+    print(summary, arguments.every_gap);
+    if (!arguments.json.empty()) all.push_back(summary);
   }
-  return tools::kDone;
+  if (arguments.json.empty()) return tools::kDone;
+  const Status written = io::writeTextFile(arguments.json, all.dump(1) + "\n");
+  if (!written) std::fprintf(stderr, "gaps: %s\n", written.error().message.c_str());
+  return written ? tools::kDone : tools::kBadInput;
 }
 
 }  // namespace
@@ -371,6 +250,7 @@ int main(int argc, char** argv) {
   app.add_flag("--there-and-back", arguments.there_and_back,
                "End where it began, in the scene's own time for both ways");
   app.add_flag("--every-gap", arguments.every_gap, "A line for each");
+  app.add_option("--json", arguments.json, "All of it into this file as well");
   if (const auto exit_code = bench::parse(app, argc, argv)) return *exit_code;
   if (arguments.width > 0 && arguments.height == 0) {
     std::fprintf(stderr, "gaps: --width needs --height\n");

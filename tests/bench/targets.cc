@@ -52,17 +52,26 @@ Result<std::vector<Target>> readTargets(const fs::path& file) {
 struct Errors {
   std::vector<double> px;
 
-  void print(const std::string& name) const {
+  [[nodiscard]] double mean() const {
     double mean = 0.0;
-    double squares = 0.0;
     for (const double e : px) mean += e / static_cast<double>(px.size());
-    for (const double e : px) squares += (e - mean) * (e - mean) / static_cast<double>(px.size());
+    return mean;
+  }
+  [[nodiscard]] double deviation() const {
+    const double middle = mean();
+    double squares = 0.0;
+    for (const double e : px) squares += (e - middle) * (e - middle);
+    return std::sqrt(squares / static_cast<double>(px.size()));
+  }
+  [[nodiscard]] double worst() const { return *std::ranges::max_element(px); }
+
+  void print(const std::string& name) const {
     std::printf("  %-10s %6zu views: %.2f px, standard deviation %.2f, worst %.2f\n", name.c_str(),
-                px.size(), mean, std::sqrt(squares), *std::ranges::max_element(px));
+                px.size(), mean(), deviation(), worst());
   }
 };
 
-Status compare(const fs::path& directory, const fs::path& trajectory) {
+Status compare(const fs::path& directory, const fs::path& trajectory, const fs::path& json) {
   const auto calibration = io::readCalibration(directory / "calib.yml");
   if (!calibration) return calibration.error();
   const auto targets = readTargets(directory / "gt_targets.json");
@@ -93,7 +102,12 @@ Status compare(const fs::path& directory, const fs::path& trajectory) {
   std::printf("%zu of %zu frames have a pose\n", frames, truth->size());
   for (const auto& [name, errors] : of_target) errors.print(name);
   if (!all.px.empty()) all.print("all");
-  return success();
+  if (json.empty()) return success();
+  io::Json summary = {{"frames", truth->size()}, {"posed", frames}};
+  if (!all.px.empty()) {
+    summary["px"] = {{"mean", all.mean()}, {"deviation", all.deviation()}, {"worst", all.worst()}};
+  }
+  return io::writeTextFile(json, summary.dump(1) + "\n");
 }
 
 }  // namespace
@@ -101,12 +115,13 @@ Status compare(const fs::path& directory, const fs::path& trajectory) {
 
 int main(int argc, char** argv) {
   using namespace waymark;
-  std::string directory, trajectory;
+  std::string directory, trajectory, json;
   CLI::App app{"Reprojection errors of known targets", "targets"};
   app.add_option("directory", directory, "Of `waymark simulate table`")->required();
   app.add_option("trajectory", trajectory, "TUM, in the scene's world")->required();
+  app.add_option("--json", json, "What is said of all targets into this file as well");
   if (const auto exit_code = bench::parse(app, argc, argv)) return *exit_code;
-  const Status done = bench::compare(directory, trajectory);
+  const Status done = bench::compare(directory, trajectory, json);
   if (!done) std::fprintf(stderr, "targets: %s\n", done.error().message.c_str());
   return done ? tools::kDone : tools::kBadInput;
 }

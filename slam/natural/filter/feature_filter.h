@@ -116,11 +116,26 @@ class FeatureFilter {
   void markPast(std::uint64_t frame);
   // Nobody will speak of those marked so far any more.
   void forgetPast();
+  // The camera of a frame that was marked, as the filter has it by now.
+  [[nodiscard]] std::optional<Transform> pastPose(std::uint64_t frame) const;
+  // From there to the present one, whatever the world is.
+  struct Motion {
+    Transform T_p_c;
+    // Of (dp, dtheta) as Transform::retract, in the frame of the past camera.
+    Matrix6d covariance = Matrix6d::Zero();
+  };
+  [[nodiscard]] std::optional<Motion> motionSince(std::uint64_t frame) const;
+  // Whether that agrees with what is said of it; kUsed, and nothing is used yet, if it does.
+  [[nodiscard]] PoseOutcome comparePastPose(std::uint64_t frame, const Transform& T_w_c,
+                                            const Matrix6d& covariance) const;
   // As observePose(), of a frame that was marked, which is then forgotten.
   [[nodiscard]] PoseOutcome observePastPose(std::uint64_t frame, const Transform& T_w_c,
                                             const Matrix6d& covariance);
-  // The same where the filter is wrong and the other is right: everything moves with that frame.
-  // False when it was not marked.
+  // Everything is `scale` times as far from the camera of a marked frame as it was taken to be;
+  // sigma: of its logarithm. False when it was not marked.
+  [[nodiscard]] bool rescaleFromPast(std::uint64_t frame, double scale, double sigma);
+  // As observePastPose(), where the filter is wrong and the other is right: everything moves with
+  // that frame. False when it was not marked.
   [[nodiscard]] bool restartFromPast(std::uint64_t frame, const Transform& T_w_c,
                                      const Matrix6d& covariance);
 
@@ -188,6 +203,15 @@ class FeatureFilter {
                    std::vector<char>* accepted);
   void noteAccepted(std::span<const FeatureMatch> matches, std::vector<char>* accepted) const;
   [[nodiscard]] bool fits(const CameraModel& camera, const FeatureMatch& match) const;
+  // How far a pose of the state is from what was measured of it.
+  struct PoseInnovation {
+    Vector6d residual = Vector6d::Zero();
+    Matrix6d noise = Matrix6d::Zero();
+    double chi2 = 0.0;
+  };
+  [[nodiscard]] PoseInnovation innovationAt(int offset, const Transform& T_w_s,
+                                            const Transform& measured,
+                                            const Matrix6d& covariance) const;
   [[nodiscard]] PoseOutcome observePoseAt(int offset, const Transform& T_w_s,
                                           const Transform& measured, const Matrix6d& covariance);
 

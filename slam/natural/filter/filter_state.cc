@@ -34,6 +34,8 @@ FilterState::FilterState(int max_poses, int max_features)
       P_(static_cast<std::size_t>(stride_) * static_cast<std::size_t>(stride_), 0.0),
       dropped_(static_cast<std::size_t>(capacity_), 0) {
   kept_.reserve(static_cast<std::size_t>(capacity_));
+  factor_.reserve(static_cast<std::size_t>(capacity_));
+  slope_.reserve(static_cast<std::size_t>(capacity_));
 }
 
 void FilterState::start(const Transform& T_w_c, const Matrix6d& covariance,
@@ -252,6 +254,44 @@ void FilterState::moveWorld(const Transform& T) {
     transform(pose.offset, A);
     pose.T_w_s = {normalized(T.R * pose.T_w_s.R), T * pose.T_w_s.p};
   }
+}
+
+void FilterState::scaleAbout(int pose, double scale, double sigma) {
+  const Transform T_w_s = poses_[static_cast<std::size_t>(pose)].T_w_s;
+  moveWorld(T_w_s.inverse());  // a scaled position is its error's scale, too
+  // Of each coordinate, what it is multiplied by, and what it moves by with the scale's logarithm.
+  factor_.assign(static_cast<std::size_t>(size_), 1.0);
+  slope_.assign(static_cast<std::size_t>(size_), 0.0);
+  const auto place = [&](int offset, const Eigen::Vector3d& scaled) {
+    for (int i = 0; i < 3; ++i) {
+      factor_[static_cast<std::size_t>(offset + i)] = scale;
+      slope_[static_cast<std::size_t>(offset + i)] = scaled[i];
+    }
+  };
+  T_w_c_.p *= scale;
+  v_w_ *= scale;
+  place(kPositionAt, T_w_c_.p);
+  place(kVelocityAt, v_w_);
+  for (StatePose& other : poses_) {
+    if (other.offset < 0) continue;
+    other.T_w_s.p *= scale;
+    place(other.offset, other.T_w_s.p);
+  }
+  for (StateFeature& feature : features_) {
+    if (feature.offset < 0) continue;
+    feature.rho /= scale;
+    factor_[static_cast<std::size_t>(feature.offset + 2)] = 1.0 / scale;
+    slope_[static_cast<std::size_t>(feature.offset + 2)] = -feature.rho;
+  }
+  for (int c = 0; c < size_; ++c) {
+    const auto k = static_cast<std::size_t>(c);
+    double* const column = P_.data() + static_cast<std::ptrdiff_t>(c) * stride_;
+    for (int r = 0; r < size_; ++r) {
+      const auto i = static_cast<std::size_t>(r);
+      column[r] = factor_[i] * factor_[k] * column[r] + sigma * sigma * slope_[i] * slope_[k];
+    }
+  }
+  moveWorld(T_w_s);
 }
 
 void FilterState::tieWorldTo(int pose, const Transform& T_w_s, const Matrix6d& covariance) {

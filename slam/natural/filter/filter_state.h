@@ -93,6 +93,10 @@ class FilterState {
   // The world has moved: new = T_new_old * old, exactly.
   void moveWorld(const Transform& T_new_old);
 
+  // Everything is so many times as large as it was, seen from a pose: a scale that nothing had
+  // told. sigma: of its logarithm.
+  void scaleAbout(int pose, double scale, double sigma);
+
   // What is known of this pose replaces what was known of it and of the world: every pose keeps its
   // place relative to it. covariance: of its xi.
   void tieWorldTo(int pose, const Transform& T_w_s, const Matrix6d& covariance);
@@ -159,8 +163,9 @@ class FilterState {
   int capacity_ = 0;
   int stride_ = 0;
   std::vector<double> P_;
-  std::vector<int> kept_;      // while compacting
-  std::vector<char> dropped_;  // coordinates that are to go
+  std::vector<int> kept_;               // while compacting
+  std::vector<double> factor_, slope_;  // while scaling
+  std::vector<char> dropped_;           // coordinates that are to go
   bool drops_ = false;
 };
 

@@ -194,5 +194,56 @@ TEST(FilterState, MovedWorld) {
             1e-9 * published.norm());
 }
 
+// What is seen of a world is the same when all of it is larger, so that nothing measured changes;
+// and the way to the past camera is as uncertain as the scale.
+TEST(FilterState, ScaledItLooksTheSame) {
+  FilterState state(4, 4);
+  Matrix6d velocity = 0.04 * Matrix6d::Identity();
+  Transform T_w_c;
+  T_w_c.p = {3.0, -1.0, 0.5};
+  state.start(T_w_c, 1e-4 * Matrix6d::Identity(), velocity);
+  const int past = state.clonePose(PoseKind::kPast, 7);
+  const int anchor = state.clonePose(PoseKind::kAnchor, 0);
+  std::vector<double> moving(static_cast<std::size_t>(state.size()), 0.0);
+  moving[6] = 0.4;   // xi_v
+  moving[11] = 0.2;  // omega
+  state.correct(moving.data());
+  for (int i = 0; i < 10; ++i) state.propagate(0.05, {});
+  const int feature =
+      state.addFeature(anchor, {0.1, -0.2}, 0.5, 1e-3 * Eigen::Matrix3d::Identity());
+  const auto seenFrom = [&] {
+    const StateFeature& f = state.features()[static_cast<std::size_t>(feature)];
+    const Transform& T_w_a = state.poses()[static_cast<std::size_t>(anchor)].T_w_s;
+    const Eigen::Vector3d p_c =
+        state.camera().inverse() * (T_w_a * (Eigen::Vector3d(f.uv.x(), f.uv.y(), 1.0) / f.rho));
+    return Eigen::Vector2d(p_c.head<2>() / p_c.z());
+  };
+  const Eigen::Vector2d seen = seenFrom();
+  const Transform T_w_p = state.poses()[static_cast<std::size_t>(past)].T_w_s;
+  const Eigen::Vector3d way = state.camera().p - T_w_p.p;
+  const Eigen::Vector3d v = state.velocity();
+  const auto wayVariance = [&] {  // along the way, of the camera less the past one
+    const int offset = state.poses()[static_cast<std::size_t>(past)].offset;
+    const Matrix6d both = state.P<6, 6>(0, offset);
+    const Matrix6d between =
+        state.P<6, 6>(0, 0) + state.P<6, 6>(offset, offset) - both - both.transpose();
+    const Matrix6d A = retractFromInvariant(state.camera().p);
+    const Eigen::Vector3d along = way.normalized();
+    return along.dot((A * between * A.transpose()).topLeftCorner<3, 3>() * along);
+  };
+  const double before = wayVariance();
+
+  state.scaleAbout(past, 2.5, 0.1);
+  EXPECT_LT((seenFrom() - seen).norm(), 1e-9);
+  EXPECT_LT((state.camera().p - T_w_p.p - 2.5 * way).norm(), 1e-9);
+  EXPECT_LT((state.poses()[static_cast<std::size_t>(past)].T_w_s.p - T_w_p.p).norm(), 1e-9);
+  EXPECT_LT((state.velocity() - 2.5 * v).norm(), 1e-9);
+  EXPECT_NEAR(state.features()[static_cast<std::size_t>(feature)].rho, 0.2, 1e-12);
+  const double of_scale = 0.1 * 2.5 * way.norm();
+  EXPECT_NEAR(wayVariance(), 2.5 * 2.5 * before + of_scale * of_scale, 1e-6 * before);
+  const Eigen::MatrixXd P = state.P();
+  EXPECT_LT((P - P.transpose()).norm(), 1e-9);
+}
+
 }  // namespace
 }  // namespace waymark::slam

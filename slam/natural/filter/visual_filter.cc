@@ -51,6 +51,7 @@ std::string FeatureManagementOptions::invalidReason() const {
       {max_frames_outside >= 0, "max_frames_outside must not be negative"},
       {isShare(blind_share), "blind_share must be 0 to 1"},
       {isPositive(first_depth_m), "first_depth_m must be positive"},
+      {isPositive(first_depth_sigma_ratio), "first_depth_sigma_ratio must be positive"},
       {isPositive(depth_sigma_ratio), "depth_sigma_ratio must be positive"},
       {isPositive(search_sigmas), "search_sigmas must be positive"},
       {isPositive(max_search_px), "max_search_px must be positive"},
@@ -366,16 +367,18 @@ int VisualFilter::addAtLikelyDepth(const NewFeature& feature, const Eigen::Vecto
       std::swap(nearest[i], nearest[i - 1]);
     }
   }
-  const double ratio = options_.features.depth_sigma_ratio;
   if (distance2.back() < std::numeric_limits<double>::max()) {
-    return filter_.addFeatureLike(nearest, anchor, feature.uv, feature.uv_covariance, ratio);
+    return filter_.addFeatureLike(nearest, anchor, feature.uv, feature.uv_covariance,
+                                  options_.features.depth_sigma_ratio);
   }
+  const bool at_markers = marker_depth_m_ > 0.0;
+  const double ratio =
+      at_markers ? options_.features.depth_sigma_ratio : options_.features.first_depth_sigma_ratio;
   // A guess is one for all of them.
   if (first >= 0) {
     return filter_.addFeatureLike({&first, 1}, anchor, feature.uv, feature.uv_covariance, ratio);
   }
-  const double rho =
-      1.0 / (marker_depth_m_ > 0.0 ? marker_depth_m_ : options_.features.first_depth_m);
+  const double rho = 1.0 / (at_markers ? marker_depth_m_ : options_.features.first_depth_m);
   Eigen::Matrix3d covariance = Eigen::Matrix3d::Zero();
   covariance.topLeftCorner<2, 2>() = feature.uv_covariance;
   covariance(2, 2) = ratio * ratio * rho * rho;

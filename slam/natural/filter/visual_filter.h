@@ -46,6 +46,10 @@ struct FeatureManagementOptions {
   double blind_share = 0.25;
   // Where nothing is known of depth: that of a room, metres.
   double first_depth_m = 2.0;
+  // ... and the sigma of its inverse, as a share: two of them reach from half of it to infinity
+  // (Civera et al. 2008). With more an update is far from linear, and what is a step aside is taken
+  // for a turn.
+  double first_depth_sigma_ratio = 0.5;
   // Sigma of a new feature's inverse depth, in units of that which its neighbours suggest. What
   // they suggest is no measurement: little of it is enough to bend the scale where hardly anything
   // moves sideways (along a corridor, 0.5 let it drift by a fifth in ten metres, at random).
