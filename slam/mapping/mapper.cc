@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "slam/camera_pose/known_marker.h"
+#include "slam/mapping/camera_doubt.h"
 #include "slam/optimization/map_fit.h"
 #include "slam/option_checks.h"
 
@@ -216,7 +217,22 @@ MarkerResolution Mapper::resolution(int marker_id, int min_views, const Map& map
   }
   MarkerResolverOptions options = options_.marker_pose;
   options.min_views = min_views;
-  return resolveMarkerPose(views, map.find(marker_id)->size_m, focal_px_, residual_sigma_, options);
+  const double size_m = map.find(marker_id)->size_m;
+  const MarkerResolution found =
+      resolveMarkerPose(views, size_m, focal_px_, residual_sigma_, options);
+  if (found.verdict != ResolverVerdict::kContradictory) return found;
+  // The cameras may be off, rather than the marker.
+  std::vector<MarkerDetection> doubted;
+  doubted.reserve(views.size());
+  const auto keyframes = map.viewsOf(marker_id);
+  for (std::size_t i = 0; i < views.size(); ++i) {
+    const Keyframe& keyframe = map.keyframes().at(keyframes[i]);
+    doubted.push_back(withCameraDoubt(keyframe, marker_id, size_m, map, residual_sigma_));
+    views[i].detection = &doubted.back();
+  }
+  const MarkerResolution doubtful =
+      resolveMarkerPose(views, size_m, focal_px_, residual_sigma_, options);
+  return doubtful.verdict == ResolverVerdict::kContradictory ? found : doubtful;
 }
 
 // Moves the map where the origin marker, or the first anchor that has a pose, says it is. Later
