@@ -168,7 +168,10 @@ void Mapper::resolveAll(Map* map) {
   residual_sigma_ =
       runToCompletion([&](Budget* a) { return fitOf(whole.problem, a); }).residual_sigma;
   for (const auto& [id, known] : map->markers()) {
-    if (known.T_w_m || known.state == MarkerState::kBanned) continue;
+    if (known.T_w_m || known.state == MarkerState::kBanned ||
+        known.state == MarkerState::kElsewhere) {
+      continue;
+    }
     // Views from before it moved, or of cameras that are in the wrong place, go one by one.
     MarkerResolution found = resolution(id, options_.marker_pose.min_views, *map);
     while (found.verdict == ResolverVerdict::kContradictory) {
@@ -183,6 +186,7 @@ void Mapper::resolveAll(Map* map) {
 void Mapper::resolve(int marker_id, Map* map, Counters* counters) const {
   const MapMarker& marker = map->markers().at(marker_id);
   if (marker.T_w_m && !marker.other_T_w_m) return;  // decided
+  if (marker.state == MarkerState::kElsewhere) return;
   const bool second_look = marker.T_w_m.has_value();
   const MarkerResolution found = resolution(
       marker.id, second_look ? options_.second_look_views : options_.marker_pose.min_views, *map);
