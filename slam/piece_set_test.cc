@@ -104,6 +104,18 @@ TEST_F(PieceSetTest, ACameraLostAmongUnknownMarkersGoesOnInANewPiece) {
   for (const Map* map : slam().pieces()) EXPECT_GE(posedIn(*map), 8U) << "of 9";
 }
 
+TEST_F(PieceSetTest, CarriedToAnotherRoomAndBackInTheDarkItHasAPoseAtOnce) {
+  for (int i = 0; i < 5; ++i) {
+    EXPECT_EQ(walk(5, 0, 3), 5) << i;
+    EXPECT_EQ(last_.pose->piece, 0) << i;
+    EXPECT_EQ(walk(6, 0, 0), 0) << "dark";
+    EXPECT_EQ(walk(5, 3, 6), 5) << i;
+    EXPECT_EQ(last_.pose->piece, 1) << i;
+    EXPECT_EQ(walk(6, 0, 0), 0) << "dark";
+  }
+  EXPECT_EQ(slam().pieces().size(), 2U);
+}
+
 TEST_F(PieceSetTest, WithoutPiecesItWaits) {
   options_.pieces.begin = false;
   EXPECT_EQ(walk(10, 0, 3), 10);
