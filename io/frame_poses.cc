@@ -64,7 +64,7 @@ std::string csvField(const std::string& text) {
 }
 
 std::string framePoseText(const slam::PoseEstimate& pose) {
-  std::string text = "0";  // there is one piece
+  std::string text = std::to_string(pose.piece);
   const Eigen::Vector3d& p = pose.T_w_c.p;
   for (const double v : {p.x(), p.y(), p.z()}) text += ',' + fixed(v, kMetreDecimals);
   const Eigen::Quaterniond q = pose.T_w_c.quaternion();
@@ -95,6 +95,14 @@ std::string formatFramePoses(std::span<const FramePose> frames) {
     text += '\n';
   }
   return text;
+}
+
+std::map<int, Trajectory> trajectoriesOf(std::span<const FramePose> frames) {
+  std::map<int, Trajectory> trajectories;
+  for (const FramePose& frame : frames) {
+    if (frame.pose) trajectories[frame.pose->piece].push_back({frame.time_ns, frame.pose->T_w_c});
+  }
+  return trajectories;
 }
 
 Trajectory trajectoryOf(std::span<const FramePose> frames) {

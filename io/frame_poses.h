@@ -3,6 +3,7 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <map>
 #include <optional>
 #include <span>
 #include <string>
@@ -29,13 +30,15 @@ struct FramePose {
 };
 
 // A line for each frame, below a line with the names of the columns: seconds; frame; status;
-// source; piece of the map, 0; position in metres; quaternion; the upper triangle of the covariance
+// source; piece of the map; position in metres; quaternion; the upper triangle of the covariance
 // in the world, row by row, metres and radians; markers; natural features; RMS in pixels;
 // reason; ambiguity ratio. Fields that only a pose has are empty without one. Equal input, equal
 // bytes.
 [[nodiscard]] std::string formatFramePoses(std::span<const FramePose> frames);
 
-// Of those that have a pose.
+// Of those that have a pose, by the piece of the map that it is in: each has its own world.
+[[nodiscard]] std::map<int, Trajectory> trajectoriesOf(std::span<const FramePose> frames);
+// Of all that have a pose, whatever piece: for a map of one.
 [[nodiscard]] Trajectory trajectoryOf(std::span<const FramePose> frames);
 
 }  // namespace waymark::io

@@ -52,6 +52,19 @@ TEST(FramePoses, HaveALineForEachFrame) {
   EXPECT_EQ(lines[4].substr(0, 20), "2.100000000,3,lost,,");
 }
 
+TEST(FramePoses, EachPieceOfTheMapHasItsOwnTrajectory) {
+  std::vector<FramePose> frames = oneOfEach();
+  frames.push_back(frames[0]);
+  frames.back().time_ns = 2'200'000'000;
+  frames.back().pose->piece = 4;
+  EXPECT_NE(formatFramePoses(frames).find("\n2.200000000,0,tracking,markers,4,"),
+            std::string::npos);
+  const auto trajectories = trajectoriesOf(frames);
+  ASSERT_EQ(trajectories.size(), 2U);
+  EXPECT_EQ(trajectories.at(0).at(0).time_ns, 1'500'000'000);
+  EXPECT_EQ(trajectories.at(4).at(0).time_ns, 2'200'000'000);
+}
+
 TEST(FramePoses, TheTrajectoryHasThoseWithAPose) {
   const Trajectory trajectory = trajectoryOf(oneOfEach());
   ASSERT_EQ(trajectory.size(), 1U);

@@ -34,6 +34,9 @@ struct Counters {
   std::uint64_t full_scans = 0;
   std::uint64_t followed_frames = 0;
   std::uint64_t frames_in_other_world = 0;
+  std::uint64_t pieces_begun = 0;
+  std::uint64_t pieces_joined = 0;
+  std::uint64_t pieces_undecided = 0;
   std::uint64_t quads = 0;
   std::uint64_t merged_quads = 0;
   std::uint64_t rejected_quads = 0;
@@ -101,6 +104,13 @@ inline constexpr std::array kCounters = {
         "frames_in_other_world", &Counters::frames_in_other_world,
         "frames in which what is to fix the world, the origin marker or any anchor, had no "
         "place in the map yet"},
+    NamedCounter{"pieces_begun", &Counters::pieces_begun,
+                 "pieces of the map begun because the camera was lost among unknown markers"},
+    NamedCounter{"pieces_joined", &Counters::pieces_joined,
+                 "pieces that became part of an older one"},
+    NamedCounter{"pieces_undecided", &Counters::pieces_undecided,
+                 "times that frames with markers of two pieces did not tell yet how these lie to "
+                 "each other"},
     NamedCounter{"quads", &Counters::quads, "dark squares found where markers were searched for"},
     NamedCounter{"merged_quads", &Counters::merged_quads,
                  "of these, another outline of a marker that was found already"},

@@ -71,6 +71,12 @@ void makeFinalMap(std::span<LiveFrame> frames, const FinalMapOptions& options, S
   }
   for (int round = 0; round < options.rounds; ++round) {
     slam->densify(spreadFrames(frames, options));
+    (void)slam->joinPieces();
+    optimize(frames, options.refine_intrinsics, slam);
+  }
+  // What a frame shows may be known by now, and connect others.
+  while (slam->joinPieces()) {
+    slam->densify(spreadFrames(frames, options));
     optimize(frames, options.refine_intrinsics, slam);
   }
 }
@@ -103,7 +109,7 @@ std::vector<RecordedFrame> spreadFrames(std::span<const LiveFrame> frames,
     if (frame.pose) near = &*frame.pose;
     if (!chosen[i]) continue;
     spread.push_back({i, frame.monotonic_ns, frame.detections, near->T_w_c,
-                      frame.pose ? frame.pose->twist : Vector6d::Zero()});
+                      frame.pose ? frame.pose->twist : Vector6d::Zero(), near->piece});
   }
   return spread;
 }

@@ -5,8 +5,10 @@
 //   1. Images in no order that had no pose are tried again: what they show may be known by now.
 //   2. Frames spread over the whole recording, and more of those that show a marker few of them do,
 //      become keyframes: more views make a better map than section 4.4's keyframes alone.
-//   3. All keyframes and markers are optimized, with the lens if wanted.
-//   4. 2 and 3 again: what did not fit the map as it was live may fit the better one.
+//   3. Pieces of the map that these frames connect are joined, and all keyframes and markers are
+//      optimized, with the lens if wanted.
+//   4. 2 and 3 again: what did not fit the map as it was live may fit the better one; and once more
+//      as long as any pieces are joined.
 //
 // A daemon that keeps no frames has step 3 alone. Where every frame is in that map,
 // slam/final_trajectory tells.

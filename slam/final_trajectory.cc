@@ -13,15 +13,20 @@
 namespace waymark::slam {
 namespace {
 
-RecordedFrame recorded(std::span<const LiveFrame> frames, std::size_t i, const Transform& guess) {
+RecordedFrame recorded(std::span<const LiveFrame> frames, std::size_t i, const Transform& guess,
+                       int piece) {
   const LiveFrame& frame = frames[i];
-  return {i, frame.monotonic_ns, frame.detections, guess,
-          frame.pose ? frame.pose->twist : Vector6d::Zero()};
+  return {i,
+          frame.monotonic_ns,
+          frame.detections,
+          guess,
+          frame.pose ? frame.pose->twist : Vector6d::Zero(),
+          piece};
 }
 
 // Each frame for itself, near where it was live. One that was lost starts from its neighbour: first
 // the one before, then, for the frames in front of the first pose, the one after.
-std::vector<std::optional<PoseEstimate>> localizeEach(std::span<const LiveFrame> frames,
+std::vector<std::optional<PoseEstimate>> localizeEach(std::span<const LiveFrame> frames, int piece,
                                                       const Slam& slam) {
   std::vector<std::optional<PoseEstimate>> poses(frames.size());
   std::optional<Transform> neighbour;
@@ -30,7 +35,7 @@ std::vector<std::optional<PoseEstimate>> localizeEach(std::span<const LiveFrame>
       const auto& live = frames[i].pose;
       const std::optional<Transform> guess = live ? live->T_w_c : neighbour;
       if (!guess) return;
-      poses[i] = slam.localize(recorded(frames, i, *guess));
+      poses[i] = slam.localize(recorded(frames, i, *guess, piece));
     }
     if (poses[i]) neighbour = poses[i]->T_w_c;
   };
@@ -40,10 +45,11 @@ std::vector<std::optional<PoseEstimate>> localizeEach(std::span<const LiveFrame>
   return poses;
 }
 
-NoPoseReason reasonFor(const LiveFrame& frame, const Map& map) {
+NoPoseReason reasonFor(const LiveFrame& frame, std::span<const Map* const> pieces) {
   if (frame.detections.empty()) return NoPoseReason::kNoMarker;
   const auto known = std::ranges::count_if(frame.detections, [&](const MarkerDetection& seen) {
-    return map.findPosed(seen.id) != nullptr;
+    return std::ranges::any_of(pieces,
+                               [&](const Map* map) { return map->findPosed(seen.id) != nullptr; });
   });
   if (known == 0) return NoPoseReason::kNoKnownMarker;
   return known == 1 ? NoPoseReason::kAmbiguousMarker : NoPoseReason::kMarkersDoNotFit;
@@ -56,7 +62,8 @@ struct Sequence {
 };
 
 Sequence sequenceOf(std::span<const LiveFrame> frames,
-                    std::span<const std::optional<PoseEstimate>> poses, const Slam& slam) {
+                    std::span<const std::optional<PoseEstimate>> poses, int piece,
+                    const Slam& slam) {
   Sequence sequence{std::vector<SequenceFrame>(frames.size()),
                     std::vector<std::optional<PosesOfOneMarker>>(frames.size())};
   for (std::size_t i = 0; i < frames.size(); ++i) {
@@ -65,7 +72,7 @@ Sequence sequenceOf(std::span<const LiveFrame> frames,
     // Where nothing was near, a single marker says no more than where it is.
     const auto& near = frames[i].pose ? frames[i].pose : poses[i];
     const Transform guess = near ? near->T_w_c : Transform{};
-    sequence.of_one[i] = slam.localizeByOneMarker(recorded(frames, i, guess));
+    sequence.of_one[i] = slam.localizeByOneMarker(recorded(frames, i, guess, piece));
     if (const auto& both = sequence.of_one[i]) {
       out.poses = 2;
       out.marker = both->marker;
@@ -208,20 +215,32 @@ class GapFiller {
   std::vector<std::optional<PoseEstimate>>& poses_;
 };
 
-}  // namespace
+// The live frames as one piece of the map knows them: poses of others are none to it.
+std::vector<LiveFrame> framesOf(std::span<const LiveFrame> frames, int piece, const Slam& slam) {
+  std::vector<LiveFrame> theirs(frames.begin(), frames.end());
+  for (LiveFrame& frame : theirs) {
+    if (!frame.pose) continue;
+    frame.pose = slam.asOfNow(*frame.pose);
+    if (frame.pose->piece != piece) frame.pose.reset();
+  }
+  return theirs;
+}
 
-std::vector<FinalPose> localizeAll(std::span<const LiveFrame> frames,
-                                   const FinalTrajectoryOptions& options, const Slam& slam) {
-  auto poses = localizeEach(frames, slam);
+// In one piece.
+std::vector<std::optional<PoseEstimate>> localizeIn(const Map& map,
+                                                    std::span<const LiveFrame> frames,
+                                                    const FinalTrajectoryOptions& options,
+                                                    const Slam& slam) {
+  auto poses = localizeEach(frames, map.piece, slam);
   // Without any there is no map of markers, or the frames are not of it.
   const bool any = std::ranges::any_of(poses, [](const auto& pose) { return pose.has_value(); });
   if (any && !options.unordered_images) {
-    const Sequence sequence = sequenceOf(frames, poses, slam);
+    const Sequence sequence = sequenceOf(frames, poses, map.piece, slam);
     const auto log_odds = logOddsOfFirst(sequence.frames, options.single_marker);
     for (std::size_t i = 0; i < frames.size(); ++i) {
       const auto& both = sequence.of_one[i];
       if (!both) continue;
-      poses[i] = poseOfOneMarker(*both, slam.map().findPosed(both->marker)->T_w_m->p, log_odds[i],
+      poses[i] = poseOfOneMarker(*both, map.findPosed(both->marker)->T_w_m->p, log_odds[i],
                                  poses[i], options.single_marker);
     }
   }
@@ -231,10 +250,31 @@ std::vector<FinalPose> localizeAll(std::span<const LiveFrame> frames,
   } else {
     filler.keepLive();
   }
+  return poses;
+}
+
+}  // namespace
+
+std::vector<FinalPose> localizeAll(std::span<const LiveFrame> frames,
+                                   const FinalTrajectoryOptions& options, const Slam& slam) {
   std::vector<FinalPose> all(frames.size());
+  const std::vector<const Map*> pieces = slam.pieces();
+  for (const Map* const map : pieces) {
+    const bool all_here = std::ranges::all_of(frames, [&](const LiveFrame& frame) {
+      return !frame.pose || frame.pose->piece == map->piece;
+    });
+    auto poses = all_here ? localizeIn(*map, frames, options, slam)
+                          : localizeIn(*map, framesOf(frames, map->piece, slam), options, slam);
+    for (std::size_t i = 0; i < frames.size(); ++i) {
+      if (!poses[i]) continue;
+      poses[i]->piece = map->piece;
+      // Of several the one from most markers, and of these the oldest.
+      auto& best = all[i].pose;
+      if (!best || poses[i]->markers_used > best->markers_used) best = std::move(poses[i]);
+    }
+  }
   for (std::size_t i = 0; i < frames.size(); ++i) {
-    if (!poses[i]) all[i].reason = reasonFor(frames[i], slam.map());
-    all[i].pose = std::move(poses[i]);
+    if (!all[i].pose) all[i].reason = reasonFor(frames[i], pieces);
   }
   return all;
 }

@@ -40,6 +40,7 @@ std::string Options::invalidReason() const {
       shutter.invalidReason(),
       covariance.invalidReason(),
       natural.invalidReason(),
+      pieces.invalidReason(),
       twoWorlds(*this),
       global_optimization.invalidReason(),
       intrinsics.invalidReason(),

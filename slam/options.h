@@ -14,6 +14,7 @@
 #include "slam/mapping/mapper.h"
 #include "slam/marker_screening/marker_screening.h"
 #include "slam/natural/pose_integrator.h"
+#include "slam/pieces/piece_options.h"
 #include "slam/tracking/tracker.h"
 
 namespace waymark::slam {
@@ -33,6 +34,7 @@ struct Options {
   RollingShutterOptions shutter;
   MapCovarianceOptions covariance;
   NaturalOptions natural;
+  PieceOptions pieces;
   // What a frame may spend on optimizations and loop closures, which go on over as many frames as
   // they take: counted, not timed, a unit being what took a microsecond on a core of 3 GHz. More is
   // done sooner, less is steadier.

@@ -9,6 +9,7 @@ enum class PoseSource { kNone, kMarkers, kNaturalFeatures, kPrediction };
 
 struct PoseEstimate {
   Transform T_w_c;
+  int piece = 0;  // of the map: the world that the pose is in (Map::piece)
   // Of (dp, dtheta) as in Transform::retract: metres and radians, both in the world frame; with
   // what the map does not know of its markers.
   Matrix6d covariance = Matrix6d::Zero();

@@ -5,6 +5,7 @@
 #include <memory>
 #include <optional>
 #include <span>
+#include <vector>
 
 #include "slam/counters.h"
 #include "slam/detection/codes/dictionary.h"
@@ -22,7 +23,9 @@ class Slam {
  public:
   // Goes on with `map` (of the same dictionary) where one is given; it then starts by relocalizing.
   // Precondition: options.invalidReason() is empty.
-  Slam(const CameraModel& camera, Dictionary dictionary, const Options& options, Map map = {});
+  // other_pieces: of a map in pieces, those after the first.
+  Slam(const CameraModel& camera, Dictionary dictionary, const Options& options, Map map = {},
+       std::vector<Map> other_pieces = {});
   ~Slam();
   Slam(const Slam&) = delete;
   Slam& operator=(const Slam&) = delete;
@@ -30,7 +33,13 @@ class Slam {
   // The next frame. Precondition: an image has the camera's size. `observer` may be null.
   FrameResult process(const FrameInput& frame, StageObserver* observer = nullptr);
 
+  // The piece of the map that the camera is in, or was in last.
   [[nodiscard]] const Map& map() const;
+  // All of them, each with its own world, in the order of their ids (Map::piece). Usually one.
+  // Valid until the next frame.
+  [[nodiscard]] std::vector<const Map*> pieces() const;
+  // A pose that was told of a piece which is part of another one by now: in the world of that.
+  [[nodiscard]] PoseEstimate asOfNow(PoseEstimate pose) const;
   [[nodiscard]] const Counters& counters() const;
   [[nodiscard]] const CameraModel& camera() const;
 
@@ -41,6 +50,9 @@ class Slam {
   // make a better map than section 4.10's keyframes alone. Each frame is located against the map as
   // it is now; those that do not fit are left out. Does nothing when mapping is off.
   void densify(std::span<const RecordedFrame> frames);
+  // Joins the pieces that their keyframes connect, whatever it costs; for the end of a recording.
+  // Whether there were any.
+  bool joinPieces();
   // Global optimization of the whole map (section 4.10), for the end of a recording or a map that
   // is to be saved; does nothing when mapping is off.
   void optimizeGlobally();
@@ -48,11 +60,11 @@ class Slam {
   // the start has them: camera() is then the better lens.
   void optimizeGloballyWithIntrinsics();
 
-  // A frame's pose against the map as it is now; for trajectory_final. Empty when too few of its
-  // markers are in the map.
+  // A frame's pose against the piece of its guess as it is now; for trajectory_final. Empty when
+  // too few of its markers are in there.
   [[nodiscard]] std::optional<PoseEstimate> localize(const RecordedFrame& frame) const;
-  // The same of a frame in which the map knows one marker only: at both of its poses. Empty where
-  // it knows none or several, or one of the two does not fit.
+  // The same of a frame in which that piece knows one marker only: at both of its poses. Empty
+  // where it knows none or several, or one of the two does not fit.
   [[nodiscard]] std::optional<PosesOfOneMarker> localizeByOneMarker(
       const RecordedFrame& frame) const;
   // First to last row, seconds, as given or learned; 0 for a global shutter.

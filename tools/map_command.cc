@@ -60,7 +60,22 @@ struct MergeArguments {
 Outcome info(const InfoArguments& arguments) {
   const Result<io::MapFile> file = io::readMap(arguments.map);
   if (!file) return file.error();
-  return mapInfo(*file, arguments.markers);
+  std::string text = mapInfo(*file, arguments.markers);
+  for (const slam::Map& piece : file->other_pieces) {
+    text += "\npiece " + std::to_string(piece.piece) + ", a world of its own\n";
+    io::MapFile other = *file;
+    other.map = piece;
+    text += mapInfo(other, arguments.markers);
+  }
+  return text;
+}
+
+// Of a map in pieces one world goes into what knows of no pieces.
+void tellOfOtherPieces(const std::string& name, const io::MapFile& file) {
+  if (file.other_pieces.empty()) return;
+  std::fprintf(stderr,
+               "waymark: %s: has %zu pieces, each with a world of its own; this is piece %d\n",
+               name.c_str(), 1 + file.other_pieces.size(), file.map.piece);
 }
 
 io::Trajectory keyframePoses(const slam::Map& map) {
@@ -87,6 +102,7 @@ Outcome exportMap(const ExportArguments& arguments) {
   if (arguments.format == "tum" && file->map.keyframes().empty()) {
     return Error{arguments.map + ": has no keyframes, and so no poses"};
   }
+  tellOfOtherPieces(arguments.map, *file);
   const Status written = io::writeTextFile(arguments.out, exported(*file, arguments.format));
   if (!written) return written.error();
   return std::string();
@@ -163,11 +179,13 @@ Outcome merge(const MergeArguments& arguments) {
   if (arguments.files.size() < 3) return Error{"map merge needs two maps and a file to write"};
   Result<io::MapFile> merged = io::readMap(arguments.files.front());
   if (!merged) return merged.error();
+  tellOfOtherPieces(arguments.files.front(), *merged);
   std::string text;
   for (std::size_t i = 1; i + 1 < arguments.files.size(); ++i) {
     const std::string& name = arguments.files[i];
     const Result<io::MapFile> next = io::readMap(name);
     if (!next) return next.error();
+    tellOfOtherPieces(name, *next);
     const Result<MergeReport> report = mergeMaps(&*merged, *next, arguments.options);
     if (!report) return Error{name + ": " + report.error().message};
     text += mergeText(name, *report);

@@ -28,6 +28,7 @@
 #include "io/text/number_text.h"
 #include "io/text/text_file.h"
 #include "slam/final_map.h"
+#include "slam/map/world_reference.h"
 #include "slam/slam.h"
 #include "tools/exit_code.h"
 #include "tools/marker_arguments.h"
@@ -202,6 +203,8 @@ Result<RunSetup> prepare(const RunArguments& arguments) {
                  std::move(old_map).value(),
                  nullptr};
   setup.options.mapping = !settings->map.localize_only;
+  // The daemon begins none. What an image of no order shows may be known when it is tried again.
+  setup.options.pieces.begin = !as_recorded && !setup.input->unorderedImages();
   if (setup.input->unorderedImages()) setup.options.treatAsUnorderedImages();
   if (setup.old_map) io::agreeOnReadout(&*setup.old_map, &setup.options);
   const bool pictures_as_recorded = as_recorded && arguments.natural.empty() && !arguments.fps;
@@ -247,12 +250,17 @@ Result<std::string> processAll(RunInput& input, const daemon::StopSignal& stop, 
 }
 
 // Why the world is not the one that was asked for; usually empty.
-std::string otherWorldReason(const slam::Options& options, const slam::Map& map) {
+std::string otherWorldReason(const slam::Options& options,
+                             const std::vector<const slam::Map*>& pieces) {
   const slam::MarkerOptions& markers = options.markers;
   if (!options.mapping) return {};
-  const auto has_pose = [&](const slam::Anchor& a) { return map.findPosed(a.id) != nullptr; };
+  const auto is_placed = [&](int id) {
+    return std::ranges::any_of(
+        pieces, [id](const slam::Map* map) { return map->findPosed(id) != nullptr; });
+  };
+  const auto has_pose = [&](const slam::Anchor& a) { return is_placed(a.id); };
   const std::string other = "; the world is another one";
-  if (markers.origin_marker && map.findPosed(*markers.origin_marker) == nullptr) {
+  if (markers.origin_marker && !is_placed(*markers.origin_marker)) {
     return "the origin marker " + std::to_string(*markers.origin_marker) + " was never placed" +
            other;
   }
@@ -263,11 +271,36 @@ std::string otherWorldReason(const slam::Options& options, const slam::Map& map)
 }
 
 // A map that was only localized in stays what it was, byte for byte.
-std::string mapText(const slam::Slam& slam, const RunSetup& setup) {
+std::string mapText(const slam::Slam& slam, const slam::Map& main_piece, const RunSetup& setup) {
   if (!setup.options.mapping) return setup.old_map->text;
   const std::optional<io::FieldSize> field =
       setup.old_map ? setup.old_map->file.field : std::nullopt;
-  return io::formatMap(slam.map(), slam.camera().calibration(), slam.readout_s(), field);
+  std::vector<const slam::Map*> others = slam.pieces();
+  std::erase(others, &main_piece);
+  return io::formatMap(main_piece, slam.camera().calibration(), slam.readout_s(), field, others);
+}
+
+// The piece of the map that files of one world are of: the one with an anchor, or else the one with
+// the most frames.
+const slam::Map& mainPiece(const slam::Slam& slam, const slam::MarkerOptions& markers,
+                           const std::map<int, io::Trajectory>& trajectories) {
+  const auto frames = [&](const slam::Map* map) {
+    const auto found = trajectories.find(map->piece);
+    return std::pair(!slam::firstKeyframeIsWorld(*map, markers),
+                     found == trajectories.end() ? std::size_t{0} : found->second.size());
+  };
+  const std::vector<const slam::Map*> pieces = slam.pieces();
+  return **std::ranges::max_element(pieces, {}, frames);  // the oldest of several such
+}
+
+// NAME.tum of the main piece, and NAME_PIECE.tum of each other one.
+void addTrajectories(const std::string& name, int main_piece,
+                     std::map<int, io::Trajectory> trajectories, io::OutputDirectory* output) {
+  output->add(name + ".tum", io::formatTrajectory(trajectories[main_piece]));
+  trajectories.erase(main_piece);
+  for (const auto& [piece, trajectory] : trajectories) {
+    output->add(name + "_" + std::to_string(piece) + ".tum", io::formatTrajectory(trajectory));
+  }
 }
 
 // `statistics` makes stats.json, given why it is incomplete. Where the disk is full, what fits.
@@ -277,19 +310,21 @@ Status writeOutputs(const slam::Slam& slam,
                     RunSetup& setup) {
   io::OutputDirectory& output = *setup.output;
   const auto final_poses = record.finalPoses(slam, setup.input->unorderedImages());
-  const io::Trajectory final_trajectory = io::trajectoryOf(final_poses);
+  auto final_trajectories = io::trajectoriesOf(final_poses);
+  const slam::Map& map = mainPiece(slam, setup.options.markers, final_trajectories);
   output.add("stats.json", statistics(incomplete));
-  output.add("trajectory.tum", io::formatTrajectory(record.liveTrajectory()));
-  output.add("poses.csv", io::formatFramePoses(record.livePoses()));
-  output.add("map.json", mapText(slam, setup));
-  output.add("trajectory_final.tum", io::formatTrajectory(final_trajectory));
+  const auto live_poses = record.livePoses();
+  addTrajectories("trajectory", map.piece, io::trajectoriesOf(live_poses), &output);
+  output.add("poses.csv", io::formatFramePoses(live_poses));
+  output.add("map.json", mapText(slam, map, setup));
+  addTrajectories("trajectory_final", map.piece, final_trajectories, &output);
   output.add("poses_final.csv", io::formatFramePoses(final_poses));
   if (with_calibration) {
     output.add("calib.yml", io::formatCalibration(slam.camera().calibration()));
   }
   output.add("map.svg", io::formatMapPicture({.title = setup.input->description(),
-                                              .markers = io::posedMarkerCorners(slam.map()),
-                                              .estimate = final_trajectory,
+                                              .markers = io::posedMarkerCorners(map),
+                                              .estimate = final_trajectories[map.piece],
                                               .truth = {},
                                               .z_is_up = false}));
   Status written = output.commit();
@@ -341,10 +376,20 @@ void tellWhatIsMissing(const RunInput& input, const RunRecord& record,
 }
 
 void printSummary(const RunRecord& record, const slam::Slam& slam, const StageTimer& timer) {
-  std::printf("%zu frames, %zu localized (%.1f %%), %zu markers, %zu keyframes, %.2f ms a frame\n",
-              record.frames(), record.localized(), record.localizedPercent(),
-              io::posedMarkerCorners(slam.map()).size(), slam.map().keyframes().size(),
-              timer.totalWall_ms() / std::max<double>(1.0, static_cast<double>(record.frames())));
+  std::size_t markers = 0;
+  std::size_t keyframes = 0;
+  const std::vector<const slam::Map*> pieces = slam.pieces();
+  for (const slam::Map* map : pieces) {
+    markers += io::posedMarkerCorners(*map).size();
+    keyframes += map->keyframes().size();
+  }
+  const std::string in_pieces =
+      pieces.size() > 1 ? " in " + std::to_string(pieces.size()) + " pieces" : std::string();
+  std::printf(
+      "%zu frames, %zu localized (%.1f %%), %zu markers%s, %zu keyframes, %.2f ms a frame\n",
+      record.frames(), record.localized(), record.localizedPercent(), markers, in_pieces.c_str(),
+      keyframes,
+      timer.totalWall_ms() / std::max<double>(1.0, static_cast<double>(record.frames())));
 }
 
 Result<ExitCode> run(const RunArguments& arguments) {
@@ -357,7 +402,8 @@ Result<ExitCode> run(const RunArguments& arguments) {
   // From here on a signal ends the frames, and what there is by then is written all the same.
   const daemon::StopSignal stop;
   slam::Slam slam(setup.camera, setup.dictionary, setup.options,
-                  setup.old_map ? setup.old_map->file.map : slam::Map());
+                  setup.old_map ? setup.old_map->file.map : slam::Map(),
+                  setup.old_map ? setup.old_map->file.other_pieces : std::vector<slam::Map>());
   const std::size_t max_frames =
       setup.input->endless() ? kCameraFrames : std::numeric_limits<std::size_t>::max();
   StageTimer timer(max_frames);
@@ -381,7 +427,7 @@ Result<ExitCode> run(const RunArguments& arguments) {
                       .optimize = !arguments.no_global,
                       .refine_intrinsics = arguments.refine_intrinsics},
                      &slam);
-  if (const std::string reason = otherWorldReason(setup.options, slam.map()); !reason.empty()) {
+  if (const std::string reason = otherWorldReason(setup.options, slam.pieces()); !reason.empty()) {
     std::fprintf(stderr, "waymark: warning: %s\n", reason.c_str());
   }
   if (setup.output) {

@@ -13,10 +13,20 @@ namespace {
 
 using Json = nlohmann::ordered_json;
 
-std::size_t posedMarkers(const slam::Map& map) {
-  return static_cast<std::size_t>(
-      std::count_if(map.markers().begin(), map.markers().end(),
-                    [](const auto& entry) { return entry.second.T_w_m.has_value(); }));
+// Of all pieces of the map.
+std::size_t posedMarkers(const slam::Slam& slam) {
+  std::ptrdiff_t count = 0;
+  for (const slam::Map* map : slam.pieces()) {
+    count += std::ranges::count_if(
+        map->markers(), [](const auto& entry) { return entry.second.T_w_m.has_value(); });
+  }
+  return static_cast<std::size_t>(count);
+}
+
+std::size_t keyframes(const slam::Slam& slam) {
+  std::size_t count = 0;
+  for (const slam::Map* map : slam.pieces()) count += map->keyframes().size();
+  return count;
 }
 
 io::FrameStatus statusOf(slam::TrackingState state) {
@@ -82,7 +92,7 @@ std::vector<io::FramePose> RunRecord::finalPoses(const slam::Slam& slam,
                                                  bool unordered_images) const {
   const auto found = slam::localizeAll(frames_, {.unordered_images = unordered_images}, slam);
   const auto without_pose =
-      posedMarkers(slam.map()) > 0 ? io::FrameStatus::kLost : io::FrameStatus::kInitializing;
+      posedMarkers(slam) > 0 ? io::FrameStatus::kLost : io::FrameStatus::kInitializing;
   const auto statusOf = [&](const std::optional<slam::PoseEstimate>& pose) {
     if (!pose) return without_pose;
     return pose->source == slam::PoseSource::kMarkers ? io::FrameStatus::kTracking
@@ -124,8 +134,9 @@ std::string RunRecord::statistics(const slam::Slam& slam, const StageTimer& time
   if (forgotten_ > 0) json["frames_forgotten"] = forgotten_;
   json["localized"] = localized_;
   json["initialized_at_frame"] = initialized_at_ ? Json(*initialized_at_) : none;
-  json["keyframes"] = slam.map().keyframes().size();
-  json["markers"] = posedMarkers(slam.map());
+  json["keyframes"] = keyframes(slam);
+  json["markers"] = posedMarkers(slam);
+  json["pieces"] = slam.pieces().size();
   json["loop_closures"] = counters.loop_closures;
   json["loop_closed_at_s"] = Json::array();
   for (const std::int64_t time_ns : loopClosedAt_ns(counters)) {

@@ -124,6 +124,12 @@ Result<StartMap> readOtherMap(const fs::path& file, const io::SlamSettings& sett
   if (!old) return old.error();
   io::agreeOnReadout(&*old, &start.options);
   start.warnings = std::move(old->warnings);
+  if (!old->file.other_pieces.empty()) {
+    start.warnings.push_back(file.string() + ": has " +
+                             std::to_string(1 + old->file.other_pieces.size()) +
+                             " pieces, each with a world of its own; only piece " +
+                             std::to_string(old->file.map.piece) + " is used");
+  }
   start.notes.push_back(file.string() + ": going on with " + contents(old->file.map));
   start.map = std::move(old->file.map);
   start.text = std::move(old->text);

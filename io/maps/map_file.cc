@@ -33,11 +33,12 @@ constexpr int kVersion = 1;
 constexpr const char* kGivenKeyframes = "covariance_given_keyframes";
 // There are more after the last of them.
 constexpr std::int64_t kLargestIndex = std::int64_t{1} << 62U;
-constexpr std::array<std::pair<std::string_view, MarkerState>, 4> kStates = {{
+constexpr std::array<std::pair<std::string_view, MarkerState>, 5> kStates = {{
     {"unresolved", MarkerState::kUnresolved},
     {"mapped", MarkerState::kMapped},
     {"quarantined", MarkerState::kQuarantined},
     {"refused", MarkerState::kBanned},
+    {"elsewhere", MarkerState::kElsewhere},
 }};
 
 std::string_view nameOf(MarkerState state) {
@@ -205,7 +206,7 @@ MarkerState readState(const JsonNode& node) {
   for (const auto& [known, state] : kStates) {
     if (name == known) return state;
   }
-  node.fail("must be \"mapped\", \"unresolved\", \"quarantined\" or \"refused\"");
+  node.fail("must be \"mapped\", \"unresolved\", \"quarantined\", \"refused\" or \"elsewhere\"");
   return MarkerState::kUnresolved;
 }
 
@@ -270,13 +271,16 @@ class MapReader {
     if (root_.has("field")) file.field = readField(root_.at("field"));
     for (const char* list : {"markers", "unposed_markers"}) {
       for (const JsonNode& node : root_.at(list).elements()) {
-        readMarker(node, std::string_view(list) == "markers", &file.map);
+        const bool posed = std::string_view(list) == "markers";
+        slam::Map* const piece = pieceOf(node, &file);
+        readMarker(node, posed, piece);
+        if (posed && root_.good()) checkPlacedOnce(node, *piece, file);
         if (!root_.good()) return file;
       }
     }
     if (root_.has("natural_markers")) {
       for (const JsonNode& node : root_.at("natural_markers").elements()) {
-        readPicture(node, &file.map);
+        readPicture(node, pieceOf(node, &file));
         if (!root_.good()) return file;
       }
     }
@@ -285,15 +289,46 @@ class MapReader {
     if (!root_.good() || !file.camera) return file;
     const slam::CameraModel camera(*file.camera);
     for (const JsonNode& node : keyframes) {
-      readKeyframe(node, camera, &file.map);
+      readKeyframe(node, camera, pieceOf(node, &file));
       if (!root_.good()) return file;
     }
     // The corners of a rolling shutter follow from the poses, too.
-    if (file.readout_s != 0.0) slam::undistortAgain(camera, file.readout_s, &file.map);
+    if (file.readout_s == 0.0) return file;
+    slam::undistortAgain(camera, file.readout_s, &file.map);
+    for (slam::Map& piece : file.other_pieces) {
+      slam::undistortAgain(camera, file.readout_s, &piece);
+    }
     return file;
   }
 
  private:
+  // The first piece that is named is the file's map.
+  slam::Map* pieceOf(const JsonNode& node, MapFile* file) {
+    constexpr int kMostPieces = 1'000'000'000;
+    const int piece =
+        node.has("piece") ? static_cast<int>(node.at("piece").integer(0, kMostPieces)) : 0;
+    if (!has_piece_) file->map.piece = piece;
+    has_piece_ = true;
+    if (file->map.piece == piece) return &file->map;
+    const auto known = std::ranges::find(file->other_pieces, piece, &slam::Map::piece);
+    if (known != file->other_pieces.end()) return &*known;
+    slam::Map& other = file->other_pieces.emplace_back();
+    other.dictionary = file->map.dictionary;
+    other.piece = piece;
+    return &other;
+  }
+
+  // The last marker read; another piece must not have a place for it, too.
+  static void checkPlacedOnce(const JsonNode& node, const slam::Map& piece, const MapFile& file) {
+    const int id = static_cast<int>(node.at("id").integer(0, std::numeric_limits<int>::max()));
+    const auto places = [&](const slam::Map& other) {
+      return &other != &piece && other.findPosed(id) != nullptr;
+    };
+    if (places(file.map) || std::ranges::any_of(file.other_pieces, places)) {
+      node.at("id").fail("the marker " + std::to_string(id) + " has a pose in two pieces");
+    }
+  }
+
   void readDictionary(slam::Map* map) {
     map->dictionary = root_.at("dictionary").text();
     if (!root_.good()) return;
@@ -378,11 +413,10 @@ class MapReader {
   void readKeyframe(const JsonNode& node, const slam::CameraModel& camera, slam::Map* map) {
     slam::Keyframe keyframe;
     keyframe.id = node.at("index").integer(0, kLargestIndex);
-    if (node.good() && keyframe.id <= last_keyframe_) {
-      node.at("index").fail("must be larger than the one before, " +
-                            std::to_string(last_keyframe_));
+    const slam::KeyframeId last = map->keyframes().empty() ? -1 : map->keyframes().rbegin()->first;
+    if (node.good() && keyframe.id <= last) {
+      node.at("index").fail("must be larger than the one before, " + std::to_string(last));
     }
-    last_keyframe_ = keyframe.id;
     keyframe.sequence = node.at("sequence").natural();
     keyframe.monotonic_ns = node.at("time_ns").integer(-kFarthest_ns, kFarthest_ns);
     keyframe.T_w_c = node.at("T_w_c").transform();
@@ -454,7 +488,7 @@ class MapReader {
 
   const JsonNode& root_;
   int largest_id_ = 0;
-  slam::KeyframeId last_keyframe_ = -1;
+  bool has_piece_ = false;
 };
 
 constexpr std::array<std::string_view, 10> kKeys = {
@@ -492,19 +526,30 @@ void checkChecksum(const JsonNode& node, const std::string& text) {
 }  // namespace
 
 std::string formatMap(const slam::Map& map, const std::optional<slam::Calibration>& camera,
-                      double readout_s, const std::optional<FieldSize>& field) {
+                      double readout_s, const std::optional<FieldSize>& field,
+                      std::span<const slam::Map* const> other_pieces) {
   std::vector<Json> posed;
   std::vector<Json> unposed;
   std::vector<Json> pictures;
-  for (const auto& [id, marker] : map.markers()) {
-    if (slam::isPicture(id)) {
-      pictures.push_back(pictureJson(marker));
-      continue;
-    }
-    (marker.T_w_m ? posed : unposed).push_back(markerJson(marker, map.dictionary));
-  }
   std::vector<Json> keyframes;
-  for (const auto& [id, keyframe] : map.keyframes()) keyframes.push_back(keyframeJson(keyframe));
+  const auto add = [&](const slam::Map& piece) {
+    const auto inPiece = [&](Json json) {
+      if (piece.piece != 0) json["piece"] = piece.piece;
+      return json;
+    };
+    for (const auto& [id, marker] : piece.markers()) {
+      if (slam::isPicture(id)) {
+        pictures.push_back(inPiece(pictureJson(marker)));
+        continue;
+      }
+      (marker.T_w_m ? posed : unposed).push_back(inPiece(markerJson(marker, map.dictionary)));
+    }
+    for (const auto& [id, keyframe] : piece.keyframes()) {
+      keyframes.push_back(inPiece(keyframeJson(keyframe)));
+    }
+  };
+  add(map);
+  for (const slam::Map* const piece : other_pieces) add(*piece);
 
   const std::string head = "{" + jsonField("format", kFormat) + jsonField("version", kVersion);
   std::string body = jsonField("dictionary", map.dictionary);

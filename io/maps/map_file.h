@@ -4,7 +4,9 @@
 #include <cstddef>
 #include <filesystem>
 #include <optional>
+#include <span>
 #include <string>
+#include <vector>
 
 #include "base/result.h"
 #include "io/maps/marker_corners.h"
@@ -16,6 +18,8 @@ namespace waymark::io {
 
 struct MapFile {
   slam::Map map;
+  // Of a map in pieces: those after the first, each with its own world (slam::Map::piece).
+  std::vector<slam::Map> other_pieces{};
   // What the keyframes were taken with; a map without keyframes may have none.
   std::optional<slam::Calibration> camera;
   // First to last row of that camera, seconds; 0 for a global shutter.
@@ -28,12 +32,15 @@ struct MapFile {
 
 // {"format":"waymark-map","version":1,"checksum",...,"dictionary",...,"camera":{...},
 // "field":{...} (where it is known),"markers":[...],"unposed_markers":[...],"keyframes":[...]}, one
-// marker or keyframe a line. Equal maps, equal bytes; and a map that was read gives the bytes it
+// marker or keyframe a line. Markers and keyframes of a piece other than 0 say its number; where
+// there are several pieces, those of the first come first, and a marker of one may be among the
+// unposed ones of others. Equal maps, equal bytes; and a map that was read gives the bytes it
 // was read from. Precondition: all numbers are finite; a map with keyframes has a camera.
 [[nodiscard]] std::string formatMap(const slam::Map& map,
                                     const std::optional<slam::Calibration>& camera,
                                     double readout_s = 0.0,
-                                    const std::optional<FieldSize>& field = {});
+                                    const std::optional<FieldSize>& field = {},
+                                    std::span<const slam::Map* const> other_pieces = {});
 
 // Checks the checksum, every type, number and reference. The error is one line: file, place,
 // reason.

@@ -460,5 +460,39 @@ TEST(MapFile, ReadsFiles) {
             std::string::npos);
 }
 
+TEST(MapFile, KeepsAMapInPieces) {
+  slam::Map first = sampleMap();
+  slam::Map second = sampleMap();
+  second.piece = 3;
+  for (const int id : {3, 7}) second.quarantine(id);
+  second.setElsewhere(7, true);
+  second.addMarker(20, 0.165);
+  second.place(20, slam::Transform{});
+  const slam::Map* const others[] = {&second};
+  const std::string text = formatMap(first, kCamera, 0.0, {}, others);
+  const Result<MapFile> read = parseMap(text, "m.json");
+  ASSERT_TRUE(read) << read.error().message;
+  EXPECT_EQ(read->map.piece, 0);
+  ASSERT_EQ(read->other_pieces.size(), 1U);
+  const slam::Map& piece = read->other_pieces[0];
+  EXPECT_EQ(piece.piece, 3);
+  EXPECT_EQ(piece.markers().size(), second.markers().size());
+  EXPECT_EQ(piece.find(7)->state, slam::MarkerState::kElsewhere);
+  EXPECT_NE(piece.findPosed(20), nullptr);
+  EXPECT_EQ(read->map.findPosed(20), nullptr);
+  EXPECT_EQ(piece.keyframes().size(), second.keyframes().size());
+  const slam::Map* const others_read[] = {&piece};
+  EXPECT_EQ(formatMap(read->map, read->camera, 0.0, {}, others_read), text);
+}
+
+TEST(MapFile, AMarkerHasAPoseInOnePieceOnly) {
+  const slam::Map first = sampleMap();
+  slam::Map second = sampleMap();
+  second.piece = 1;
+  const slam::Map* const others[] = {&second};
+  const std::string text = formatMap(first, kCamera, 0.0, {}, others);
+  EXPECT_NE(errorOf(text).find("has a pose in two pieces"), std::string::npos) << errorOf(text);
+}
+
 }  // namespace
 }  // namespace waymark::io

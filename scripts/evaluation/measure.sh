@@ -168,7 +168,7 @@ measure_recording() {
   other=$(jq -r '.same_map_as // empty' <<< "$recording")
   [[ -z $other || ! -f $kept/../$other/map.json ]] ||
     "$waymark" eval --truth-map "$kept/../$other/map.json" --map "$kept/map.json" --json > "$work/other.json"
-  map_rms_px=$("$waymark" map info "$kept/map.json" | awk '$1 == "fit" { print $2 }')
+  map_rms_px=$("$waymark" map info "$kept/map.json" | awk '$1 == "fit" && !told++ { print $2 }')
   jq -n --argjson recording "$recording" --argjson made "$(provenance)" \
     --argjson map_rms_px "${map_rms_px:-null}" --slurpfile stats "$kept/stats.json" --slurpfile truth "$work/truth.json" \
     --slurpfile other "$work/other.json" \

@@ -59,6 +59,8 @@ class LoopClosureManager {
   // idle: there is nothing else to do in this frame. A map that closures have seen to in part only
   // is optimized as a whole then; a closure that comes up meanwhile takes its place.
   void relaxInIdleTime(const Map& map, bool idle);
+  // The map is not as good as it can be, though no closure has bent it.
+  void noteBent() { bent_ = true; }
   // A slice of the closure under way: `cost`, or more where it would be too late otherwise.
   void work(double cost);
   // Puts a closure that is done into the map. What that did to where the camera is, T_new_old;

@@ -131,6 +131,11 @@ void Map::ban(int marker_id) {
   removeLinksTo(marker_id);
 }
 
+void Map::setElsewhere(int marker_id, bool elsewhere) {
+  withoutPose(elsewhere ? MarkerState::kElsewhere : MarkerState::kUnresolved,
+              &markers_.at(marker_id));
+}
+
 KeyframeId Map::addKeyframe(Keyframe keyframe) {
   keyframe.id = std::max(keyframe.id, next_keyframe_);
   next_keyframe_ = keyframe.id + 1;

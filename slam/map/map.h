@@ -24,6 +24,7 @@ enum class MarkerState {
   kMapped,       // has a pose
   kQuarantined,  // its views contradict the map or each other; being estimated anew
   kBanned,       // two prints of one id, or one that never stays: not used any more
+  kElsewhere,    // another piece of the map knows where it is; its views here connect the two
 };
 
 struct MapMarker {
@@ -85,6 +86,9 @@ struct Keyframe {
 class Map {
  public:
   std::string dictionary;
+  // Which piece of the map it is: each has a world of its own. Counted from 0, and never used again
+  // for another one.
+  int piece = 0;
 
   // Nothing to localize in. Imported maps have markers with poses, but no keyframes.
   [[nodiscard]] bool empty() const;
@@ -126,6 +130,9 @@ class Map {
   void quarantine(int marker_id);
   // Its pose goes.
   void ban(int marker_id);
+  // Another piece has it, or not any more: then it is unresolved. Precondition: it has no pose
+  // here.
+  void setElsewhere(int marker_id, bool elsewhere);
 
   // Its markers must be known. `keyframe.id` is given here, unless it is a larger one than all
   // before it (a map read from a file). Its links to markers that are not in the map are left out.

@@ -69,6 +69,12 @@ class MapUpdater {
   // A picture seen from an earlier frame. False where that changes nothing. Precondition: it is
   // among the map's markers.
   [[nodiscard]] bool growByPicture(const AwaitedFrame& frame, const LateResult& seen, Map* map);
+  // Another piece of the map has come in, and hangs on few keyframes: the one to optimize around
+  // first; all of the map follows in idle time.
+  void noteJoint(KeyframeId keyframe) {
+    mapper_.want(keyframe);
+    loops_.noteBent();
+  }
   // Tracking was lost: a closure under way is of no use any more.
   void cancelLoopClosure() { loops_.cancel(); }
 

@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "slam/camera_pose/known_marker.h"
+#include "slam/mapping/camera_doubt.h"
 #include "slam/optimization/map_fit.h"
 #include "slam/option_checks.h"
 
@@ -167,7 +168,10 @@ void Mapper::resolveAll(Map* map) {
   residual_sigma_ =
       runToCompletion([&](Budget* a) { return fitOf(whole.problem, a); }).residual_sigma;
   for (const auto& [id, known] : map->markers()) {
-    if (known.T_w_m || known.state == MarkerState::kBanned) continue;
+    if (known.T_w_m || known.state == MarkerState::kBanned ||
+        known.state == MarkerState::kElsewhere) {
+      continue;
+    }
     // Views from before it moved, or of cameras that are in the wrong place, go one by one.
     MarkerResolution found = resolution(id, options_.marker_pose.min_views, *map);
     while (found.verdict == ResolverVerdict::kContradictory) {
@@ -182,6 +186,7 @@ void Mapper::resolveAll(Map* map) {
 void Mapper::resolve(int marker_id, Map* map, Counters* counters) const {
   const MapMarker& marker = map->markers().at(marker_id);
   if (marker.T_w_m && !marker.other_T_w_m) return;  // decided
+  if (marker.state == MarkerState::kElsewhere) return;
   const bool second_look = marker.T_w_m.has_value();
   const MarkerResolution found = resolution(
       marker.id, second_look ? options_.second_look_views : options_.marker_pose.min_views, *map);
@@ -216,7 +221,22 @@ MarkerResolution Mapper::resolution(int marker_id, int min_views, const Map& map
   }
   MarkerResolverOptions options = options_.marker_pose;
   options.min_views = min_views;
-  return resolveMarkerPose(views, map.find(marker_id)->size_m, focal_px_, residual_sigma_, options);
+  const double size_m = map.find(marker_id)->size_m;
+  const MarkerResolution found =
+      resolveMarkerPose(views, size_m, focal_px_, residual_sigma_, options);
+  if (found.verdict != ResolverVerdict::kContradictory) return found;
+  // The cameras may be off, rather than the marker.
+  std::vector<MarkerDetection> doubted;
+  doubted.reserve(views.size());
+  const auto keyframes = map.viewsOf(marker_id);
+  for (std::size_t i = 0; i < views.size(); ++i) {
+    const Keyframe& keyframe = map.keyframes().at(keyframes[i]);
+    doubted.push_back(withCameraDoubt(keyframe, marker_id, size_m, map, residual_sigma_));
+    views[i].detection = &doubted.back();
+  }
+  const MarkerResolution doubtful =
+      resolveMarkerPose(views, size_m, focal_px_, residual_sigma_, options);
+  return doubtful.verdict == ResolverVerdict::kContradictory ? found : doubtful;
 }
 
 // Moves the map where the origin marker, or the first anchor that has a pose, says it is. Later

@@ -61,6 +61,8 @@ class Mapper {
   void insert(const Keyframe& frame, Map* map, Counters* counters);
   // The same with what was carried through a gap: its marker hangs where the joint says.
   void insert(const GapJoint& joint, Map* map, Counters* counters);
+  // A local optimization around this keyframe is wanted.
+  void want(KeyframeId keyframe) { wanted_ = keyframe; }
   // What a picture changes. Precondition: it is among the map's markers.
   void insert(const PictureJoint& joint, Map* map, Counters* counters);
   // Section 4.5 for all markers without a pose, as sure as the whole map is of itself: what could

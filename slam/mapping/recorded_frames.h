@@ -27,6 +27,7 @@ struct RecordedFrame {
   std::span<const MarkerDetection> detections;
   Transform T_w_c;  // a first guess: as estimated then, or a neighbour's
   Vector6d twist = Vector6d::Zero();
+  int piece = 0;  // the world of the guess
 };
 
 // Where a recorded frame is in the map.

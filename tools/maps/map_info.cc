@@ -53,6 +53,7 @@ const char* stateText(slam::MarkerState state) {
       return "quarantined";
     case slam::MarkerState::kBanned:
       return "refused";
+    case slam::MarkerState::kElsewhere:
     case slam::MarkerState::kUnresolved:
       break;
   }

@@ -1,0 +1,333 @@
+#include "slam/piece.h"
+
+#include <utility>
+#include <vector>
+
+#include "base/task.h"
+#include "slam/batch_mapper.h"
+#include "slam/camera/rolling_shutter_estimator.h"
+#include "slam/camera/undistort_map.h"
+#include "slam/covariance/map_covariance.h"
+#include "slam/feature_stage.h"
+#include "slam/geometry/turned_covariance.h"
+#include "slam/map/world_reference.h"
+#include "slam/map_start.h"
+#include "slam/mapping/map_updater.h"
+#include "slam/marker_screening/marker_screening.h"
+#include "slam/picture_stage.h"
+#include "slam/tracking/frame_tracker.h"
+
+namespace waymark::slam {
+namespace {
+
+RollingShutterOptions asLearned(RollingShutterOptions options, double readout_s) {
+  options.learned_s = readout_s;
+  return options;
+}
+
+// What is not known of a joint, of a marker there: it moves and turns with all of its piece.
+Matrix6d jointCovarianceAt(const PieceJoint& joint, const Eigen::Vector3d& p_a) {
+  Matrix6d J = Matrix6d::Identity();
+  J.topRightCorner<3, 3>() = -skew(p_a - joint.T_a_b.p);
+  return J * joint.covariance * J.transpose();
+}
+
+}  // namespace
+
+class Piece::Impl {
+ public:
+  Impl(const PieceParts& parts, Map map)
+      : options_(parts.options),
+        camera_(*parts.camera),
+        counters_(*parts.counters),
+        screening_(options_.markers, options_.screening),
+        rolling_shutter_(asLearned(options_.shutter, parts.readout_s), options_.markers),
+        tracker_(camera_, options_.tracking, rolling_shutter_),
+        updater_(
+            {options_.markers, options_.mapper, options_.loops, options_.tracking.relocalization},
+            camera_, tracker_.tracker().optimizer(), local_, &screening_, &rolling_shutter_,
+            &counters_),
+        map_(std::move(map)),
+        covariance_(options_.markers, options_.covariance, map_, options_.mapping),
+        features_(options_.natural, camera_, covariance_, &counters_),
+        pictures_({options_, &updater_, &covariance_, &features_, &map_, &counters_}),
+        world_(options_.markers),
+        start_({options_, camera_, tracker_.tracker(), &updater_, &covariance_, &map_}),
+        batch_({options_, screening_, rolling_shutter_, tracker_.tracker(), parts.camera, &updater_,
+                &covariance_, &map_}) {}
+
+  // The stages of seed 1, Fig. 4, in its order.
+  FrameResult process(const FrameInput& frame, std::span<const MarkerDetection> detections,
+                      Turn turn, StageObserver* observer) {
+    FrameResult result;
+    result.detections = detections;
+    if (pictures_.hear(turn == Turn::kOwn ? frame.late : std::span<const LateResult>(), observer)) {
+      result.map_changed = true;
+    }
+    if (updater_.hasFinishedWork()) {
+      const StageScope scope(observer, Stage::kMap);
+      collectWork(&result);
+    }
+    const auto prediction = tracker_.predict(frame.time.monotonic_ns);  // in the newest coordinates
+    Counters nobodys;
+    const auto usable =
+        screening_.screen(detections, camera_, map_, turn == Turn::kOwn ? &counters_ : &nobodys);
+    std::optional<TrackedFrame> tracked;
+    if (map_.empty()) {
+      initialize(usable, frame, turn, observer, &result);
+    } else {
+      tracked = track(usable, frame, prediction, observer, &result);
+      if (!tracked && turn == Turn::kOwn) bridge(usable, frame, observer, &result);
+      if (options_.mapping) {
+        const StageScope scope(observer, Stage::kMap);
+        if (tracked) grow(*tracked, &result);
+        // Also after a new keyframe: in fast motion every frame is one.
+        updater_.work(options_.work_per_frame, map_);
+      }
+      followMap(observer, &result);
+    }
+    if (result.pose) result.pose->piece = map_.piece;
+    if (turn == Turn::kOwn) {
+      const auto fitting = tracked ? tracked->fitting : std::span<const MarkerDetection>();
+      pictures_.await(frame, result, fitting, observer);
+    }
+    if (turn == Turn::kOwn && options_.mapping && world_.isMissing(map_)) {
+      ++counters_.frames_in_other_world;
+    }
+    return result;
+  }
+
+  void setElsewhere(int marker_id, bool elsewhere) {
+    const MapMarker& marker = map_.addMarker(marker_id, options_.markers.sizeOf(marker_id));
+    if (marker.T_w_m || marker.state == MarkerState::kBanned) return;
+    if ((marker.state == MarkerState::kElsewhere) == elsewhere) return;
+    map_.setElsewhere(marker_id, elsewhere);
+  }
+
+  [[nodiscard]] JointParts jointParts() const {
+    return {tracker_.tracker().optimizer(), options_.tracking.relocalization.square,
+            camera_.focalLength(), options_.pieces};
+  }
+
+  void absorb(const Map& other, const PieceJoint& joint) {
+    for (const auto& [id, theirs] : other.markers()) takeIn(theirs, joint);
+    KeyframeId newest = -1;
+    for (const auto& [id, theirs] : other.keyframes()) {
+      Keyframe keyframe = theirs;
+      keyframe.id = -1;
+      keyframe.T_w_c = joint.T_a_b * theirs.T_w_c;
+      newest = map_.addKeyframe(std::move(keyframe));
+    }
+    updater_.noteJoint(newest);
+    covariance_.noteChange();
+    local_.reset();
+  }
+
+  void comeIn(const PoseEstimate& pose, std::int64_t time_ns) {
+    tracker_.commit(pose, time_ns);
+    local_.reset();
+  }
+
+  void undistortAgain() { slam::undistortAgain(camera_, rolling_shutter_.seconds(), &map_); }
+
+  [[nodiscard]] BatchMapper& batch() {
+    while (options_.mapping && !updater_.idle(map_)) {
+      updater_.work(kUnlimited, map_);
+      FrameResult nobodys;
+      collectWork(&nobodys);
+    }
+    return batch_;
+  }
+  [[nodiscard]] const BatchMapper& batch() const { return batch_; }
+
+  [[nodiscard]] const Map& map() const { return map_; }
+  [[nodiscard]] const LocalMarkers& local() const { return local_; }
+  [[nodiscard]] std::optional<Prediction> predict(std::int64_t time_ns) const {
+    return tracker_.predict(time_ns);
+  }
+  [[nodiscard]] double readout_s() const { return rolling_shutter_.seconds(); }
+
+ private:
+  // What was under way and is done goes into the map before the next frame is tracked in it.
+  void collectWork(FrameResult* result) {
+    const FinishedWork finished = updater_.collect(&map_);
+    for (const Transform& T_new_old : finished.T_new_old) {
+      tracker_.correct(T_new_old);
+      features_.moveWorld(T_new_old);
+      pictures_.moveWorld(T_new_old);
+    }
+    if (!finished.T_new_old.empty()) result->map_changed = true;
+    result->keyframe_added = finished.loop_closed;
+    if (finished.loop_closed) local_.reset();
+  }
+
+  // Section 4.1.
+  void initialize(std::span<const MarkerDetection> usable, const FrameInput& frame, Turn turn,
+                  StageObserver* observer, FrameResult* result) {
+    {
+      const StageScope scope(observer, Stage::kMap);
+      result->state = TrackingState::kInitializing;
+      result->reason = options_.mapping ? start_.process(usable, frame.time) : NoPoseReason::kNoMap;
+      result->map_changed = result->keyframe_added = result->reason == NoPoseReason::kNone;
+      result->pose = start_.pose();
+    }
+    if (result->pose) {
+      result->state = TrackingState::kTracking;
+      tracker_.commit(*result->pose, frame.time.monotonic_ns);
+    } else if (pictures_.any() && turn == Turn::kOwn) {
+      (void)features_.bridge(frame, observer);  // from a frame that pictures may be found in
+    }
+  }
+
+  // Sections 4.3 and 4.8. Empty where the markers give no pose that is believed.
+  std::optional<TrackedFrame> track(std::span<const MarkerDetection> usable,
+                                    const FrameInput& frame,
+                                    const std::optional<Prediction>& prediction,
+                                    StageObserver* observer, FrameResult* result) {
+    auto tracked = trackMarkers(usable, frame.time, prediction, observer, result);
+    if (!tracked) return std::nullopt;
+    PoseEstimate pose = tracker_.estimateOf(*tracked);
+    if (!features_.follow(frame, *tracked, pose, observer)) {
+      result->reason = NoPoseReason::kMarkersDoNotFit;
+      return std::nullopt;
+    }
+    const StageScope scope(observer, Stage::kTrack);
+    pose.covariance =
+        covariance_.follow(tracked->solution, tracked->eligible) + coverOfOtherPose(*tracked);
+    if (const auto fused = features_.fused()) pose = *fused;
+    result->pose = pose;
+    result->state = TrackingState::kTracking;
+    tracker_.commit(pose, frame.time.monotonic_ns);
+    return tracked;
+  }
+
+  std::optional<TrackedFrame> trackMarkers(std::span<const MarkerDetection> usable,
+                                           const FrameTime& time,
+                                           const std::optional<Prediction>& prediction,
+                                           StageObserver* observer, FrameResult* result) {
+    const StageScope scope(observer, Stage::kTrack);
+    const FrameMarkers markers = tracker_.split(map_, usable, time, prediction, local_);
+    TrackingOutcome outcome = tracker_.track(map_, markers, prediction);
+    counters_.rejected_poses += static_cast<std::uint64_t>(outcome.rejected_poses);
+    if (outcome.lost_place) {  // what comes now may be at a loop's other end
+      local_.reset();
+      updater_.cancelLoopClosure();
+    }
+    result->reason = outcome.reason;
+    result->state = TrackingState::kRelocalizing;
+    if (!outcome.frame) return std::nullopt;
+    if (outcome.frame->method == TrackingMethod::kRelocalized) ++counters_.relocalizations;
+    const FittedMarkers fitted =
+        tracker_.fit(map_, markers, *outcome.frame, updater_.residualSigma());
+    counters_.rejected_markers += static_cast<std::uint64_t>(fitted.rejected);
+    for (const auto& [marker, agrees] : fitted.verdicts) {
+      screening_.record(marker, agrees, time.monotonic_ns);
+    }
+    outcome.frame->fitting = fitted.fitting;
+    return std::move(outcome.frame);
+  }
+
+  // Between the markers.
+  void bridge(std::span<const MarkerDetection> usable, const FrameInput& frame,
+              StageObserver* observer, FrameResult* result) {
+    result->pose = features_.bridge(frame, observer);
+    if (!result->pose) return;
+    result->state = TrackingState::kBridging;
+    result->reason = NoPoseReason::kNone;
+    tracker_.commit(*result->pose, frame.time.monotonic_ns);
+    if (options_.mapping && result->pose->source == PoseSource::kNaturalFeatures) {
+      growThroughGap(usable, frame.time, observer, result);
+    }
+  }
+
+  void growThroughGap(std::span<const MarkerDetection> usable, const FrameTime& time,
+                      StageObserver* observer, FrameResult* result) {
+    const StageScope scope(observer, Stage::kMap);
+    const PoseEstimate& pose = *result->pose;
+    const auto joined = updater_.growThroughGap(
+        {time, usable, pose.T_w_c, pose.view_covariance, pose.twist, features_.anchor()}, &map_);
+    if (!joined) return;
+    covariance_.introduce(*joined, pose.T_w_c, pose.covariance, &map_);
+    result->map_changed = result->keyframe_added = true;
+  }
+
+  // The map's uncertainty follows its changes, in slices.
+  void followMap(StageObserver* observer, FrameResult* result) {
+    const StageScope scope(observer, Stage::kMap);
+    if (result->map_changed || result->keyframe_added) covariance_.noteChange();
+    if (covariance_.work(updater_.residualSigma(), &map_)) result->map_changed = true;
+  }
+
+  // Sections 4.2 and 4.4 to 4.9.
+  void grow(const TrackedFrame& frame, FrameResult* result) {
+    const MapGrowth growth = updater_.grow(frame, &map_);
+    result->map_changed = result->map_changed || growth.map_changed;
+    result->keyframe_added = result->keyframe_added || growth.keyframe_added;
+    const Transform& T_w_c = result->pose->T_w_c;
+    const auto depth_m = medianDepth(map_, growth.fitting, T_w_c);
+    local_.update(map_, growth.fitting, T_w_c, depth_m, options_.mapper.keyframes);
+  }
+
+  // A marker of another piece. What both know it is known as already.
+  void takeIn(const MapMarker& theirs, const PieceJoint& joint) {
+    const MapMarker* const known = map_.find(theirs.id);
+    if (known != nullptr && (known->T_w_m || known->state == MarkerState::kBanned)) return;
+    if (known != nullptr && !theirs.T_w_m && theirs.state != MarkerState::kBanned) return;
+    const Transform& T = joint.T_a_b;
+    MapMarker marker = theirs;
+    if (theirs.T_w_m) marker.T_w_m = T * *theirs.T_w_m;
+    if (theirs.other_T_w_m) marker.other_T_w_m = T * *theirs.other_T_w_m;
+    marker.covariance = turnedCovariance(T.R, theirs.covariance);
+    if (theirs.T_w_m) {
+      marker.world_covariance = turnedCovariance(T.R, theirs.world_covariance) +
+                                jointCovarianceAt(joint, marker.T_w_m->p);
+    }
+    for (Transform& former : marker.former_poses) former = T * former;
+    (void)map_.putMarker(marker);
+    if (marker.state == MarkerState::kBanned) map_.removeViews(theirs.id, map_.viewsOf(theirs.id));
+  }
+
+  const Options& options_;
+  const CameraModel& camera_;
+  Counters& counters_;
+  MarkerScreening screening_;
+  RollingShutterEstimator rolling_shutter_;
+  LocalMarkers local_;
+  FrameTracker tracker_;
+  MapUpdater updater_;
+  Map map_;
+  MapCovariance covariance_;
+  FeatureStage features_;
+  PictureStage pictures_;
+  WorldReference world_;
+  MapStart start_;
+  BatchMapper batch_;
+};
+
+Piece::Piece(const PieceParts& parts, Map map)
+    : impl_(std::make_unique<Impl>(parts, std::move(map))) {}
+Piece::~Piece() = default;
+
+const Map& Piece::map() const { return impl_->map(); }
+const LocalMarkers& Piece::local() const { return impl_->local(); }
+std::optional<Prediction> Piece::predict(std::int64_t time_ns) const {
+  return impl_->predict(time_ns);
+}
+double Piece::readout_s() const { return impl_->readout_s(); }
+
+FrameResult Piece::process(const FrameInput& frame, std::span<const MarkerDetection> detections,
+                           Turn turn, StageObserver* observer) {
+  return impl_->process(frame, detections, turn, observer);
+}
+
+void Piece::setElsewhere(int marker_id, bool elsewhere) {
+  impl_->setElsewhere(marker_id, elsewhere);
+}
+JointParts Piece::jointParts() const { return impl_->jointParts(); }
+void Piece::absorb(const Map& other, const PieceJoint& joint) { impl_->absorb(other, joint); }
+void Piece::comeIn(const PoseEstimate& pose, std::int64_t time_ns) { impl_->comeIn(pose, time_ns); }
+void Piece::undistortAgain() { impl_->undistortAgain(); }
+BatchMapper& Piece::batch() { return impl_->batch(); }
+const BatchMapper& Piece::batch() const { return std::as_const(*impl_).batch(); }
+
+}  // namespace waymark::slam

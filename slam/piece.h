@@ -1,0 +1,78 @@
+// One piece of the map, with a world of its own, and all that follows the camera in it: the stages
+// of seed 1, Fig. 4, behind the detection. While the camera is elsewhere it rests.
+#pragma once
+
+#include <memory>
+#include <optional>
+#include <span>
+
+#include "slam/counters.h"
+#include "slam/frame.h"
+#include "slam/geometry/camera_model.h"
+#include "slam/map/map.h"
+#include "slam/options.h"
+#include "slam/pieces/piece_joint.h"
+#include "slam/pose_estimate.h"
+#include "slam/stages.h"
+#include "slam/tracking/local_markers.h"
+#include "slam/tracking/prediction.h"
+
+namespace waymark::slam {
+
+class BatchMapper;
+
+// What all pieces share; it must outlive them.
+struct PieceParts {
+  const Options& options;
+  CameraModel* camera;
+  Counters* counters;
+  double readout_s = 0.0;  // as learned so far
+};
+
+// Whose turn a frame is.
+enum class Turn {
+  kOwn,     // of the piece that the camera was in last
+  kOthers,  // it was lost there: other pieces are tried; what the frame is like was counted before
+};
+
+class Piece {
+ public:
+  // Goes on with `map` where it is not empty.
+  Piece(const PieceParts& parts, Map map);
+  ~Piece();
+  Piece(const Piece&) = delete;
+  Piece& operator=(const Piece&) = delete;
+
+  [[nodiscard]] const Map& map() const;
+  [[nodiscard]] const LocalMarkers& local() const;
+  [[nodiscard]] std::optional<Prediction> predict(std::int64_t time_ns) const;
+  [[nodiscard]] double readout_s() const;
+
+  // All that becomes of a frame's detections. The result's pose says the piece.
+  [[nodiscard]] FrameResult process(const FrameInput& frame,
+                                    std::span<const MarkerDetection> detections, Turn turn,
+                                    StageObserver* observer);
+
+  // The marker has its place in another piece (false: not any more); nothing happens where it has
+  // one here, too, or is banned.
+  void setElsewhere(int marker_id, bool elsewhere);
+  // What connects it with another piece: see slam/pieces/piece_joint.h.
+  [[nodiscard]] JointParts jointParts() const;
+  // Takes in another piece. It is of this one's world from now on; optimizations follow, in slices.
+  void absorb(const Map& other, const PieceJoint& joint);
+  // The camera is here, though another piece has told so.
+  void comeIn(const PoseEstimate& pose, std::int64_t time_ns);
+
+  // The camera's lens is another one.
+  void undistortAgain();
+
+  // For the time when no frame waits; what is under way is done first.
+  [[nodiscard]] BatchMapper& batch();
+  [[nodiscard]] const BatchMapper& batch() const;
+
+ private:
+  class Impl;
+  std::unique_ptr<Impl> impl_;
+};
+
+}  // namespace waymark::slam
