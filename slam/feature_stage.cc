@@ -83,6 +83,9 @@ void FeatureStage::late(const LateResult& seen, const MapMarker& picture,
       ++counters_->refused_pictures;
       break;
     case LateOutcome::kNoted:
+      covariance_.doubtAs(picture);
+      anchor_ = picture.id;
+      break;
     case LateOutcome::kKnown:
     case LateOutcome::kUnknown:
       break;

@@ -35,8 +35,9 @@ MapGrowth MapUpdater::grow(const TrackedFrame& frame, Map* map) {
   }
   growth.map_changed = screenMarkers(frame, map);
   const Transform& T_w_c = frame.solution.T_w_c;
-  // From one of two poses that nothing has decided between the map would learn either.
-  const bool worth = isCertain(frame) && mapper_.wants(fitting_, T_w_c, *map);
+  // From one of a single marker's two poses, undecided, the map would learn either.
+  const bool decided = fitting_.size() > 1 || isCertain(frame);
+  const bool worth = decided && mapper_.wants(fitting_, T_w_c, *map);
   if (!fitting_.empty() && (junction.joins || worth)) {
     mapper_.insert(keyframeOf(frame, fitting_), map, counters_);
     growth.map_changed = growth.keyframe_added = true;

@@ -136,9 +136,11 @@ std::optional<PoseEstimate> PoseIntegrator::bridge(std::int64_t time_ns, const I
   if (!running()) return std::nullopt;
   const auto update = look(time_ns, image);
   if (update && anew_) beginAtKnownPoints(image);
-  if (!update || !running() || adrift_) return std::nullopt;
+  if (!update || !running()) return std::nullopt;
+  const auto placed = adrift_ ? placedByFirstFix() : filter_->pose();
+  if (!placed) return std::nullopt;
   const bool seen = last_seen_ns_ == time_ns;
-  const FilteredPose pose = filter_->pose();
+  const FilteredPose& pose = *placed;
   const double blind_s = secondsBetween(last_seen_ns_, time_ns);
   if (blind_s > options_.integrator.max_prediction_s || isTooUncertain(pose)) return std::nullopt;
   bridging_ = seen;
@@ -214,6 +216,11 @@ void PoseIntegrator::begin(const Fix& fix, std::span<const Eigen::Vector3d> poin
   }
   adrift_ = false;
   ambiguity_ratio_ = kUnambiguous;
+}
+
+std::optional<FilteredPose> PoseIntegrator::placedByFirstFix() const {
+  const auto carried = first_fix_ ? carriedFrom(*first_fix_) : std::nullopt;
+  return carried ? std::optional(carried->pose) : std::nullopt;
 }
 
 PoseIntegrator::Scale PoseIntegrator::scaleOf(const Fix& fix) const {

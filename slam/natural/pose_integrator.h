@@ -56,7 +56,7 @@ struct PoseIntegratorOptions {
   double start_sigma_rad = 0.02;
   // A filter without a place in the world knows no scale either: by how much it may be wrong, as a
   // share, until two pictures' views tell.
-  double adrift_scale_sigma = 1.0;
+  double adrift_scale_sigma = 0.7;
   // It begins at a picture as soon as the camera's way since the picture's view is known to this
   // share of the distance to it. More begins sooner where the camera moves, and at points that are
   // further from where they are taken to be.
@@ -86,7 +86,7 @@ enum class LateOutcome : std::uint8_t {
   kKnown,    // the place is known better than that
   kRefused,  // contradicts what is known
   kStarted,  // the filter goes on from there: it had no place in the world, or a wrong one
-  kNoted,    // the filter would, but how far the camera has gone since is not known yet
+  kNoted,    // the same, but how far the camera has gone since is not known yet
   kUnknown,  // nobody follows features since that frame
 };
 
@@ -140,6 +140,9 @@ class PoseIntegrator {
     double doubt_m = 0.0;
   };
   [[nodiscard]] std::optional<Carried> carriedFrom(const Fix& fix) const;
+  // While adrift: as one view of a picture and a guessed scale say, which is what it is uncertain
+  // by.
+  [[nodiscard]] std::optional<FilteredPose> placedByFirstFix() const;
   // Metres for one of the filter's own, from the way between two fixes, and its standard deviation
   // as a share.
   struct Scale {

@@ -251,13 +251,15 @@ class StartFromPictureTest : public PoseIntegratorTest {
 
 TEST_F(StartFromPictureTest, BeginsWhereTwoViewsTellTheWayBetweenThem) {
   bool noted = false;
+  bool begun = false;
   int posed = 0;
   for (int i = 0; i < 60; ++i) {
     const auto pose = stepAwaited(true);
     noted = noted || outcome_ == LateOutcome::kNoted;
+    begun = begun || outcome_ == LateOutcome::kStarted;
+    EXPECT_TRUE(noted || !begun) << "one view says nothing of how far the camera has gone since";
     if (!pose) continue;
-    EXPECT_TRUE(noted) << "one view says nothing of how far the camera has gone since";
-    expectRight(*pose);
+    expectRight(*pose, begun ? 0.05 : 0.15);  // the scale is a guess until then
     ++posed;
   }
   EXPECT_GT(posed, 40);
