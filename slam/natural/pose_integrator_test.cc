@@ -266,12 +266,14 @@ TEST_F(StartFromPictureTest, BeginsWhereTwoViewsTellTheWayBetweenThem) {
 }
 
 TEST_F(StartFromPictureTest, GoesOnRightWhenThePictureIsGone) {
+  bool begun = false;
   int posed = 0;
   for (int i = 0; i < 75; ++i) {
     const auto pose = stepAwaited(i < 20);
+    begun = begun || outcome_ == LateOutcome::kStarted;
     if (!pose) continue;
-    // The scale is from four views of 2 mm within 0.2 m; the way is 1 m.
-    expectRight(*pose, 0.12);
+    // The scale is a guess, then from four views of 2 mm within 0.2 m; the way is 1 m.
+    expectRight(*pose, begun ? 0.12 : 0.15);
     ++posed;
   }
   EXPECT_GT(posed, 50);
