@@ -109,7 +109,7 @@ measure_targets() {
     from=$(dirname "$(render table --seed "$seed")")
     rm -rf "$work/out"
     "$waymark" run "$from/frames.avi" --calibration "$from/calib.yml" --quiet --marker-size 0.1 \
-      --natural "$from/natural_$1.json" --out "$work/out" || [[ $? -eq 3 ]]
+      --dictionary 4X4_50 --natural "$from/natural_$1.json" --out "$work/out" || [[ $? -eq 3 ]]
     build/release/tests/bench/targets "$from" "$work/out/trajectory.tum" \
       --json "$work/targets-$seed.json" >&2
   done

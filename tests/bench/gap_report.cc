@@ -63,7 +63,7 @@ io::Json endsOf(const std::vector<Gap>& gaps) {
     }
     errors.push_back(1e3 * gap.last->error_m);
     from_marker.push_back(1e3 * gap.last->from_marker_m);
-    shares.push_back(1e2 * gap.last->from_marker_m / std::max(gap.way_m, 1e-9));
+    if (gap.way_m > 0.1) shares.push_back(1e2 * gap.last->from_marker_m / gap.way_m);
     scales.push_back(1e2 * gap.scale);
     if (gap.jump_m) jumps.push_back(1e3 * *gap.jump_m);
   }
