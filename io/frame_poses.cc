@@ -105,12 +105,4 @@ std::map<int, Trajectory> trajectoriesOf(std::span<const FramePose> frames) {
   return trajectories;
 }
 
-Trajectory trajectoryOf(std::span<const FramePose> frames) {
-  Trajectory trajectory;
-  for (const FramePose& frame : frames) {
-    if (frame.pose) trajectory.push_back({frame.time_ns, frame.pose->T_w_c});
-  }
-  return trajectory;
-}
-
 }  // namespace waymark::io

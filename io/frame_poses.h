@@ -38,7 +38,5 @@ struct FramePose {
 
 // Of those that have a pose, by the piece of the map that it is in: each has its own world.
 [[nodiscard]] std::map<int, Trajectory> trajectoriesOf(std::span<const FramePose> frames);
-// Of all that have a pose, whatever piece: for a map of one.
-[[nodiscard]] Trajectory trajectoryOf(std::span<const FramePose> frames);
 
 }  // namespace waymark::io

@@ -66,7 +66,9 @@ TEST(FramePoses, EachPieceOfTheMapHasItsOwnTrajectory) {
 }
 
 TEST(FramePoses, TheTrajectoryHasThoseWithAPose) {
-  const Trajectory trajectory = trajectoryOf(oneOfEach());
+  const auto trajectories = trajectoriesOf(oneOfEach());
+  ASSERT_EQ(trajectories.size(), 1U);
+  const Trajectory& trajectory = trajectories.at(0);
   ASSERT_EQ(trajectory.size(), 1U);
   EXPECT_EQ(trajectory[0].time_ns, 1'500'000'000);
   EXPECT_EQ(trajectory[0].T_w_c.p.x(), 1.5);

@@ -8,6 +8,7 @@
 #include "slam/camera/rolling_shutter_estimator.h"
 #include "slam/camera/undistort_map.h"
 #include "slam/covariance/map_covariance.h"
+#include "slam/covariance/marginals.h"
 #include "slam/feature_stage.h"
 #include "slam/geometry/turned_covariance.h"
 #include "slam/map/world_reference.h"
@@ -23,13 +24,6 @@ namespace {
 RollingShutterOptions asLearned(RollingShutterOptions options, double readout_s) {
   options.learned_s = readout_s;
   return options;
-}
-
-// What is not known of a joint, of a marker there: it moves and turns with all of its piece.
-Matrix6d jointCovarianceAt(const PieceJoint& joint, const Eigen::Vector3d& p_a) {
-  Matrix6d J = Matrix6d::Identity();
-  J.topRightCorner<3, 3>() = -skew(p_a - joint.T_a_b.p);
-  return J * joint.covariance * J.transpose();
 }
 
 }  // namespace
@@ -279,8 +273,10 @@ class Piece::Impl {
     if (theirs.other_T_w_m) marker.other_T_w_m = T * *theirs.other_T_w_m;
     marker.covariance = turnedCovariance(T.R, theirs.covariance);
     if (theirs.T_w_m) {
-      marker.world_covariance = turnedCovariance(T.R, theirs.world_covariance) +
-                                jointCovarianceAt(joint, marker.T_w_m->p);
+      // What is not known of the joint moves and turns all of the piece.
+      const Matrix6d J = rigidTransport(marker.T_w_m->p - T.p);
+      marker.world_covariance =
+          turnedCovariance(T.R, theirs.world_covariance) + J * joint.covariance * J.transpose();
     }
     for (Transform& former : marker.former_poses) former = T * former;
     (void)map_.putMarker(marker);

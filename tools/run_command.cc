@@ -377,18 +377,16 @@ void tellWhatIsMissing(const RunInput& input, const RunRecord& record,
 
 void printSummary(const RunRecord& record, const slam::Slam& slam, const StageTimer& timer) {
   std::size_t markers = 0;
-  std::size_t keyframes = 0;
   const std::vector<const slam::Map*> pieces = slam.pieces();
   for (const slam::Map* map : pieces) {
     markers += io::posedMarkerCorners(*map).size();
-    keyframes += map->keyframes().size();
   }
   const std::string in_pieces =
       pieces.size() > 1 ? " in " + std::to_string(pieces.size()) + " pieces" : std::string();
   std::printf(
       "%zu frames, %zu localized (%.1f %%), %zu markers%s, %zu keyframes, %.2f ms a frame\n",
       record.frames(), record.localized(), record.localizedPercent(), markers, in_pieces.c_str(),
-      keyframes,
+      keyframesOf(slam),
       timer.totalWall_ms() / std::max<double>(1.0, static_cast<double>(record.frames())));
 }
 

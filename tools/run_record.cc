@@ -23,12 +23,6 @@ std::size_t posedMarkers(const slam::Slam& slam) {
   return static_cast<std::size_t>(count);
 }
 
-std::size_t keyframes(const slam::Slam& slam) {
-  std::size_t count = 0;
-  for (const slam::Map* map : slam.pieces()) count += map->keyframes().size();
-  return count;
-}
-
 io::FrameStatus statusOf(slam::TrackingState state) {
   switch (state) {
     case slam::TrackingState::kInitializing:
@@ -65,17 +59,15 @@ void RunRecord::add(std::int64_t time_ns, const slam::FrameResult& result,
   states_.push_back({result.state, result.reason});
 }
 
+std::size_t keyframesOf(const slam::Slam& slam) {
+  std::size_t count = 0;
+  for (const slam::Map* map : slam.pieces()) count += map->keyframes().size();
+  return count;
+}
+
 double RunRecord::localizedPercent() const {
   if (frames() == 0) return 0.0;
   return 100.0 * static_cast<double>(localized_) / static_cast<double>(frames());
-}
-
-io::Trajectory RunRecord::liveTrajectory() const {
-  io::Trajectory trajectory;
-  for (const slam::LiveFrame& frame : frames_) {
-    if (frame.pose) trajectory.push_back({frame.monotonic_ns, frame.pose->T_w_c});
-  }
-  return trajectory;
 }
 
 std::vector<io::FramePose> RunRecord::livePoses() const {
@@ -134,7 +126,7 @@ std::string RunRecord::statistics(const slam::Slam& slam, const StageTimer& time
   if (forgotten_ > 0) json["frames_forgotten"] = forgotten_;
   json["localized"] = localized_;
   json["initialized_at_frame"] = initialized_at_ ? Json(*initialized_at_) : none;
-  json["keyframes"] = keyframes(slam);
+  json["keyframes"] = keyframesOf(slam);
   json["markers"] = posedMarkers(slam);
   json["pieces"] = slam.pieces().size();
   json["loop_closures"] = counters.loop_closures;

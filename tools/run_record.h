@@ -11,12 +11,14 @@
 
 #include "io/frame_poses.h"
 #include "io/recorded_detections.h"
-#include "io/trajectory.h"
 #include "slam/final_map.h"
 #include "slam/slam.h"
 #include "tools/stage_timer.h"
 
 namespace waymark::tools {
+
+// Of all pieces of the map.
+[[nodiscard]] std::size_t keyframesOf(const slam::Slam& slam);
 
 class RunRecord {
  public:
@@ -37,10 +39,8 @@ class RunRecord {
   [[nodiscard]] std::size_t localized() const { return localized_; }
   [[nodiscard]] double localizedPercent() const;
 
-  // Every frame's pose at its time: causal.
-  [[nodiscard]] io::Trajectory liveTrajectory() const;
-  // Every frame as it was at its time, and against the map as it is at the end: with and without a
-  // pose, one after the other.
+  // Every frame as it was at its time: causal; and against the map as it is at the end: with and
+  // without a pose, one after the other.
   [[nodiscard]] std::vector<io::FramePose> livePoses() const;
   [[nodiscard]] std::vector<io::FramePose> finalPoses(const slam::Slam& slam,
                                                       bool unordered_images) const;

@@ -57,7 +57,7 @@ TEST(RunRecord, EveryFrameIsAmongThePoses) {
 }
 
 TEST(RunRecord, AFrameWithoutAPoseHasNoLine) {
-  const io::Trajectory trajectory = walk({0, 7}).liveTrajectory();
+  const io::Trajectory trajectory = io::trajectoriesOf(walk({0, 7}).livePoses()).at(0);
   ASSERT_EQ(trajectory.size(), 8U);
   EXPECT_EQ(trajectory[0].time_ns, kPeriod_ns);
   EXPECT_EQ(trajectory[6].time_ns, 8 * kPeriod_ns);
@@ -86,7 +86,7 @@ TEST(RunRecord, OfACameraTheLatestFramesAreKept) {
   EXPECT_EQ(poses.front().frame, record.forgotten());
   EXPECT_EQ(poses.back().frame, 1049U);
   EXPECT_EQ(poses.back().pose->T_w_c.p.x(), 1049.0);
-  const io::Trajectory trajectory = record.liveTrajectory();
+  const io::Trajectory trajectory = io::trajectoriesOf(poses).at(0);
   EXPECT_EQ(trajectory.size(), record.liveFrames().size());
   EXPECT_EQ(trajectory.back().T_w_c.p.x(), 1049.0);
 }

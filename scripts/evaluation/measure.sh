@@ -82,20 +82,23 @@ measure_corners() {
                           consistency}]}' "$work/corners.json" | write_json "$1"
 }
 
+# run_bench BENCH RUN: with the arguments of its row; what it says is in $work/BENCH.json.
+run_bench() {
+  local arguments
+  mapfile -t arguments < <(jq -r '.arguments[]' <<< "$2")
+  "build/release/tests/bench/$1" "${arguments[@]}" --json "$work/$1.json" >&2
+}
+
 # measure_long RUN FILE: very many frames of simulated corners.
 measure_long() {
-  local arguments
-  mapfile -t arguments < <(jq -r '.arguments[]' <<< "$1")
-  build/release/tests/bench/long_run "${arguments[@]}" --json "$work/long.json" >&2
-  jq -n --argjson run "$1" --argjson made "$(provenance)" --slurpfile reports "$work/long.json" \
+  run_bench long_run "$1"
+  jq -n --argjson run "$1" --argjson made "$(provenance)" --slurpfile reports "$work/long_run.json" \
     '{run: $run.name, made: $made, reports: $reports[0]}' | write_json "$2"
 }
 
 # measure_gaps RUN FILE: poses between markers.
 measure_gaps() {
-  local arguments
-  mapfile -t arguments < <(jq -r '.arguments[]' <<< "$1")
-  build/release/tests/bench/gaps "${arguments[@]}" --json "$work/gaps.json" >&2
+  run_bench gaps "$1"
   jq -n --argjson run "$1" --argjson made "$(provenance)" --slurpfile report "$work/gaps.json" \
     '{run: $run.name, made: $made, report: $report[0][0]}' | write_json "$2"
 }

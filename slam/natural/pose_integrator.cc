@@ -196,15 +196,21 @@ LateOutcome PoseIntegrator::late(std::uint64_t frame, const Transform& T_w_c,
   const double distance_m = (points.rowwise().mean() - T_w_c.p).norm();
   const auto now = carriedFrom(fix);
   if (!now || now->doubt_m > options_.integrator.max_start_error * distance_m) {
-    if (!first_fix_) first_fix_ = fix;
+    note(fix);
     return LateOutcome::kNoted;
   }
-  begin(fix, points_w);
+  begin(fix, now->scale, points_w);
   return LateOutcome::kStarted;
 }
 
-void PoseIntegrator::begin(const Fix& fix, std::span<const Eigen::Vector3d> points_w) {
-  const Scale scale = scaleOf(fix);
+// The first one stays, for the longest way, as long as its camera is remembered.
+void PoseIntegrator::note(const Fix& fix) {
+  ambiguity_ratio_ = kUnambiguous;
+  if (!first_fix_ || !filter_->filter().pastPose(first_fix_->frame)) first_fix_ = fix;
+}
+
+void PoseIntegrator::begin(const Fix& fix, const Scale& scale,
+                           std::span<const Eigen::Vector3d> points_w) {
   FeatureFilter& filter = filter_->filter();
   if (scale.sigma < options_.integrator.max_rescale_sigma) {
     (void)filter.rescaleFromPast(fix.frame, scale.metres, scale.sigma);
@@ -251,7 +257,8 @@ std::optional<PoseIntegrator::Carried> PoseIntegrator::carriedFrom(const Fix& fi
   way.leftCols<3>() *= scale.metres;
   way.topLeftCorner<3, 3>() += scale.sigma * scale.sigma * T_p_c.p * T_p_c.p.transpose();
 
-  Carried carried{.pose = {.T_w_c = fix.T_w_c * T_p_c}, .doubt_m = std::sqrt(variance(way))};
+  Carried carried{
+      .pose = {.T_w_c = fix.T_w_c * T_p_c}, .scale = scale, .doubt_m = std::sqrt(variance(way))};
   const Matrix6d T = rigidTransport(carried.pose.T_w_c.p - fix.T_w_c.p);
   carried.pose.covariance = T * fix.covariance * T.transpose() + turnedCovariance(fix.T_w_c.R, way);
   return carried;

@@ -133,16 +133,6 @@ class PoseIntegrator {
     Transform T_w_c;
     Matrix6d covariance = Matrix6d::Zero();
   };
-  // Where the camera is by now, and how little is known of its way since the fix, metres: what the
-  // filter has seen of it is of no known scale.
-  struct Carried {
-    FilteredPose pose;
-    double doubt_m = 0.0;
-  };
-  [[nodiscard]] std::optional<Carried> carriedFrom(const Fix& fix) const;
-  // While adrift: as one view of a picture and a guessed scale say, which is what it is uncertain
-  // by.
-  [[nodiscard]] std::optional<FilteredPose> placedByFirstFix() const;
   // Metres for one of the filter's own, from the way between two fixes, and its standard deviation
   // as a share.
   struct Scale {
@@ -150,8 +140,21 @@ class PoseIntegrator {
     double sigma = 1.0;
   };
   [[nodiscard]] Scale scaleOf(const Fix& fix) const;
-  // At a fix of now on, with the features there are or with new ones on points_w.
-  void begin(const Fix& fix, std::span<const Eigen::Vector3d> points_w);
+  // Where the camera is by now, and how little is known of its way since the fix, metres: what the
+  // filter has seen of it is of no known scale.
+  struct Carried {
+    FilteredPose pose;
+    Scale scale;
+    double doubt_m = 0.0;
+  };
+  [[nodiscard]] std::optional<Carried> carriedFrom(const Fix& fix) const;
+  // While adrift: as one view of a picture and a guessed scale say, which is what it is uncertain
+  // by.
+  [[nodiscard]] std::optional<FilteredPose> placedByFirstFix() const;
+  // The filter goes on from a fix, with the features there are or with new ones on points_w.
+  void begin(const Fix& fix, const Scale& scale, std::span<const Eigen::Vector3d> points_w);
+  // Until another fix tells the scale: the place is this one's.
+  void note(const Fix& fix);
   // The filter anew, with features whose places are known.
   void beginAtKnownPoints(const ImageView& image);
   // After a frame with that pose from markers.

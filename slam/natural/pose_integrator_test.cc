@@ -279,6 +279,22 @@ TEST_F(StartFromPictureTest, GoesOnRightWhenThePictureIsGone) {
   EXPECT_GT(posed, 50);
 }
 
+// So few cameras are remembered that the first answer's is forgotten before the next one comes.
+TEST_F(StartFromPictureTest, BeginsAlsoAfterALongTimeWithoutAnAnswer) {
+  for (int i = 0; i < 8; ++i) (void)stepAwaited(true);
+  ASSERT_EQ(outcome_, LateOutcome::kNoted);
+  for (int i = 0; i < 30; ++i) (void)stepAwaited(false);
+  bool begun = false;
+  for (int i = 0; i < 25; ++i) {
+    const auto pose = stepAwaited(true);
+    begun = begun || outcome_ == LateOutcome::kStarted;
+    if (!pose) continue;
+    EXPECT_GT(pose->ambiguity_ratio, 1.0) << "a picture's other pose has been refuted";
+    if (begun) expectRight(*pose);
+  }
+  EXPECT_TRUE(begun);
+}
+
 TEST_F(StartFromPictureTest, OneViewIsEnoughWhereTheCameraHardlyMoves) {
   dolly_.speed_m_per_s = 0.05;
   std::vector<LateOutcome> outcomes;

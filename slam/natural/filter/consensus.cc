@@ -237,7 +237,6 @@ bool Refuter::admit(const Innovations& in, int count, double chi2) {
     r -= weighted_[static_cast<std::size_t>(k)] * common_[static_cast<std::size_t>(k)];
   }
   S = (0.5 * (S + S.transpose())).eval();
-  out_.push_back(char{1});
   std::fill_n(row(n), n + 2, 0.0);
   std::fill_n(row(n + 1), n + 2, 0.0);
   weighted_[static_cast<std::size_t>(n)] = weighted_[static_cast<std::size_t>(n + 1)] = 0.0;
@@ -258,7 +257,6 @@ bool Refuter::admit(const Innovations& in, int count, double chi2) {
     for (int j = 0; j < 2; ++j) row(n + i)[n + j] = own(i, j);
     weighted_[static_cast<std::size_t>(n + i)] = pull[i];
   }
-  out_.back() = 0;
   return true;
 }
 

@@ -58,6 +58,15 @@ struct StateFeature {
   int offset = -1;                               // in the covariance; -1: this place is free
 };
 
+// Of a new feature's (u, v, rho).
+[[nodiscard]] inline Eigen::Matrix3d featureCovariance(const Eigen::Matrix2d& of_uv,
+                                                       double rho_sigma) {
+  Eigen::Matrix3d covariance = Eigen::Matrix3d::Zero();
+  covariance.topLeftCorner<2, 2>() = of_uv;
+  covariance(2, 2) = rho_sigma * rho_sigma;
+  return covariance;
+}
+
 class FilterState {
  public:
   using Block = Eigen::Map<Eigen::MatrixXd, 0, Eigen::OuterStride<>>;

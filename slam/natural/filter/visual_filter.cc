@@ -379,10 +379,8 @@ int VisualFilter::addAtLikelyDepth(const NewFeature& feature, const Eigen::Vecto
     return filter_.addFeatureLike({&first, 1}, anchor, feature.uv, feature.uv_covariance, ratio);
   }
   const double rho = 1.0 / (at_markers ? marker_depth_m_ : options_.features.first_depth_m);
-  Eigen::Matrix3d covariance = Eigen::Matrix3d::Zero();
-  covariance.topLeftCorner<2, 2>() = feature.uv_covariance;
-  covariance(2, 2) = ratio * ratio * rho * rho;
-  return filter_.addFeature(anchor, feature.uv, rho, covariance);
+  return filter_.addFeature(anchor, feature.uv, rho,
+                            featureCovariance(feature.uv_covariance, ratio * rho));
 }
 
 auto VisualFilter::cutFeature(const CameraModel& camera, const Eigen::Vector2d& pixel,
@@ -518,10 +516,8 @@ int VisualFilter::addKnownPoints(const ImageView& image, const CameraModel& came
     if (!camera.inImage(point.pixel, kNewBorder_px)) continue;
     const auto made = cutFeature(camera, point.pixel, kAnyTexture);
     if (!made) continue;
-    Eigen::Matrix3d covariance = Eigen::Matrix3d::Zero();
-    covariance.topLeftCorner<2, 2>() = made->uv_covariance;
-    covariance(2, 2) = point.rho_sigma * point.rho_sigma;
-    const int place = filter_.addFeature(anchor, made->uv, point.rho, covariance);
+    const int place = filter_.addFeature(anchor, made->uv, point.rho,
+                                         featureCovariance(made->uv_covariance, point.rho_sigma));
     if (place < 0) break;
     features_[static_cast<std::size_t>(place)] = made->feature;
     ++added;
