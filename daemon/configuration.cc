@@ -178,10 +178,21 @@ Status checkNatural(const Configuration& c, const fs::path& file) {
 
 bool simulated(const Configuration& c) { return c.camera.source.starts_with("sim:"); }
 
+}  // namespace
+
+bool lensIsUnknown(const Configuration& c) {
+  return !simulated(c) && c.camera.calibration.empty();
+}
+
+namespace {
+
 // What no single key can say.
 Status checkTogether(const Configuration& c, const fs::path& file) {
-  if (!simulated(c) && c.camera.calibration.empty()) {
-    return Error{file.string() + ": camera.calibration: missing; only simulated cameras bring one"};
+  if (lensIsUnknown(c) && !c.slam.options.lens.learn) {
+    return Error{file.string() + ": camera.calibration: missing, and camera.learn is off"};
+  }
+  if (lensIsUnknown(c) && capture::isCamera(c.camera.source) && c.camera.device.width == 0) {
+    return Error{file.string() + ": camera: width and height are missing, which no calibration says"};
   }
   if (simulated(c) && !c.camera.calibration.empty()) {
     return Error{file.string() + ": camera.calibration: simulated cameras bring their own"};
@@ -248,6 +259,9 @@ Result<Configuration> parseConfiguration(const std::string& text, const fs::path
     return together.error();
   }
   configuration.slam.options.mapping = !configuration.slam.map.localize_only;
+  if (lensIsUnknown(configuration)) {
+    configuration.slam.options.lens.takeForGuess(configuration.slam.fov_deg.has_value());
+  }
   resolvePaths(file, configuration);
   return configuration;
 }

@@ -111,6 +111,9 @@ struct Configuration {
   std::string text;  // all of it, as it stands in the file
 };
 
+// There is no calibration: the lens is learned from the markers.
+[[nodiscard]] bool lensIsUnknown(const Configuration& configuration);
+
 // Relative paths in the file count from the file's own directory. Syntax errors, unknown keys,
 // wrong types and impossible values are errors: "FILE:LINE:COLUMN: KEY: reason".
 [[nodiscard]] Result<Configuration> readConfiguration(const std::filesystem::path& file);

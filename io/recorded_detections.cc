@@ -1,5 +1,6 @@
 #include "io/recorded_detections.h"
 
+#include <algorithm>
 #include <array>
 #include <map>
 #include <optional>
@@ -148,6 +149,24 @@ std::string formatDetection(std::int64_t time_ns, const slam::MarkerDetection& d
 }
 
 }  // namespace
+
+Result<ImageExtent> readImageExtent(const fs::path& path) {
+  const Result<std::string> text = readTextFile(path);
+  if (!text) return text.error();
+  ImageExtent extent;
+  const Status read = forEachLine(*text, path, [&](std::string_view fields) -> std::string {
+    std::string fault;
+    const std::optional<Line> line = parseDetection(fields, &fault);
+    if (!line) return fault;
+    for (const Eigen::Vector2d& corner : line->detection.pixels) {
+      extent.right_px = std::max(extent.right_px, corner.x());
+      extent.bottom_px = std::max(extent.bottom_px, corner.y());
+    }
+    return {};
+  });
+  if (!read) return read.error();
+  return extent;
+}
 
 Result<RecordedDetections> readRecordedDetections(const fs::path& path,
                                                   const slam::CameraModel& camera,

@@ -46,6 +46,13 @@ struct RecordedDetections {
     const std::filesystem::path& path, const slam::CameraModel& camera,
     const RecordedDetectionsOptions& options = {});
 
+// How far the corners of such a file reach, pixels.
+struct ImageExtent {
+  double right_px = 0.0;
+  double bottom_px = 0.0;
+};
+[[nodiscard]] Result<ImageExtent> readImageExtent(const std::filesystem::path& path);
+
 // The text of such a file, with covariances; every number reads back as it was. The camera is the
 // one the frames were taken with.
 [[nodiscard]] std::string formatRecordedDetections(std::span<const RecordedFrame> frames,

@@ -1,13 +1,12 @@
 #include "slam/batch_mapper.h"
 
-#include "slam/camera/lens_optimizer.h"
+#include "slam/camera/lens_model.h"
 #include "slam/optimization/map_optimizer.h"
 
 namespace waymark::slam {
 
 BatchMapper::BatchMapper(const BatchMapperParts& parts)
     : with_(parts),
-      given_intrinsics_(parts.camera->intrinsics()),
       last_old_keyframe_(parts.map->keyframes().empty() ? -1
                                                         : parts.map->keyframes().rbegin()->first),
       locator_(parts.screening, *parts.camera, parts.rolling_shutter, parts.tracker) {}
@@ -33,10 +32,20 @@ void BatchMapper::optimize() {
   with_.covariance->recover(summary.residual_sigma, with_.map);
 }
 
+// One that turned out to be another is held less.
+ExpectedLens BatchMapper::expectedLens() const {
+  const CameraModel given = asLens(with_.lens.given, *with_.camera);
+  if (with_.lens.state == LensState::kGiven) {
+    return {given.intrinsics(), with_.options.intrinsics.sigmas(), 0.0};
+  }
+  const LensPrior& prior = with_.options.lens.prior;
+  return {given.intrinsics(), prior.sigmas(given), prior.aspect_share};
+}
+
 void BatchMapper::optimizeWithIntrinsics() {
   if (!hasMapToOptimize()) return;
-  (void)optimizeGloballyWithIntrinsics(with_.map, with_.options.markers, given_intrinsics_,
-                                       with_.options.intrinsics, with_.rolling_shutter.seconds(),
+  (void)optimizeGloballyWithIntrinsics(with_.map, with_.options.markers, expectedLens(),
+                                       with_.rolling_shutter.seconds(),
                                        with_.options.global_optimization, with_.camera);
   recoverCovariance();
 }

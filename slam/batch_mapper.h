@@ -6,6 +6,8 @@
 #include <optional>
 #include <span>
 
+#include "slam/camera/lens_knowledge.h"
+#include "slam/camera/lens_optimizer.h"
 #include "slam/camera/rolling_shutter_estimator.h"
 #include "slam/covariance/map_covariance.h"
 #include "slam/geometry/camera_model.h"
@@ -26,6 +28,7 @@ struct BatchMapperParts {
   const RollingShutterEstimator& rolling_shutter;
   const Tracker& tracker;
   CameraModel* camera;
+  const LensKnowledge& lens;
   MapUpdater* updater;  // idle whenever the map is to change
   MapCovariance* covariance;
   Map* map;
@@ -33,8 +36,7 @@ struct BatchMapperParts {
 
 class BatchMapper {
  public:
-  // The camera and the map as they are given at the start: the lens is expected there, and the
-  // map's keyframes are another run's.
+  // The map as it is given at the start: its keyframes are another run's.
   explicit BatchMapper(const BatchMapperParts& parts);
 
   // Of the map as it is.
@@ -50,12 +52,12 @@ class BatchMapper {
 
  private:
   [[nodiscard]] bool hasMapToOptimize() const;
+  [[nodiscard]] ExpectedLens expectedLens() const;
   // The pose, its covariance as the map's residuals and the map's own doubt have it.
   [[nodiscard]] PoseEstimate estimateOf(const std::vector<KnownMarker>& known, const Twist& twist,
                                         PoseSolution* solution) const;
 
   BatchMapperParts with_;
-  IntrinsicVector given_intrinsics_;
   KeyframeId last_old_keyframe_;  // of the map given at the start; -1 for none
   RecordedFrameLocator locator_;
 };

@@ -52,6 +52,8 @@ class FeatureStage {
             std::span<const Eigen::Vector2d> points_m, StageObserver* observer);
   // The map has moved under the camera.
   void moveWorld(const Transform& T_new_old) { integrator_.moveWorld(T_new_old); }
+  // Where the features are was seen through another lens.
+  void forget() { integrator_.giveUp(); }
 
  private:
   [[nodiscard]] bool concerns(const FrameInput& frame) const;

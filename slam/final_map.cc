@@ -5,23 +5,19 @@
 #include <numeric>
 #include <utility>
 
+#include "slam/camera/undistort_map.h"
 #include "slam/slam.h"
 
 namespace waymark::slam {
 namespace {
 
 void undistortAgain(const CameraModel& camera, std::span<LiveFrame> frames) {
-  for (LiveFrame& frame : frames) {
-    std::vector<MarkerDetection> seen;
-    for (MarkerDetection& detection : frame.detections) {
-      if (undistortCorners(camera, &detection)) seen.push_back(detection);
-    }
-    frame.detections = std::move(seen);
-  }
+  for (LiveFrame& frame : frames) undistortAgain(camera, &frame.detections);
 }
 
 void optimize(std::span<LiveFrame> frames, bool refine_intrinsics, Slam* slam) {
-  if (refine_intrinsics) {
+  const bool lens_learned = slam->lens().state != LensState::kGiven;
+  if (refine_intrinsics || lens_learned) {
     slam->optimizeGloballyWithIntrinsics();
     undistortAgain(slam->camera(), frames);
   } else {
@@ -65,6 +61,7 @@ void makeFinalMap(std::span<LiveFrame> frames, const FinalMapOptions& options, S
   if (options.unordered_images) tryAgain(frames, slam);
   slam->finish();
   if (!options.optimize) return;
+  if (slam->lens().changes > 0) undistortAgain(slam->camera(), frames);
   if (frames.empty()) {
     optimize(frames, options.refine_intrinsics, slam);
     return;
@@ -72,6 +69,9 @@ void makeFinalMap(std::span<LiveFrame> frames, const FinalMapOptions& options, S
   for (int round = 0; round < options.rounds; ++round) {
     slam->densify(spreadFrames(frames, options));
     (void)slam->joinPieces();
+    const int lens_changes = slam->lens().changes;
+    slam->estimateLens();
+    if (slam->lens().changes != lens_changes) undistortAgain(slam->camera(), frames);
     optimize(frames, options.refine_intrinsics, slam);
   }
   // What a frame shows may be known by now, and connect others.

@@ -6,6 +6,7 @@ namespace waymark::slam {
 enum class NoPoseReason {
   kNone,                   // it has one
   kNoMap,                  // and none may be begun
+  kLensUnknown,            // and the squares so far do not tell
   kNoMarker,               // in view
   kNoneShared,             // two-frame start: no marker is in both frames
   kShortBaseline,          // two-frame start: too near each other
@@ -23,6 +24,8 @@ enum class NoPoseReason {
       return "";
     case NoPoseReason::kNoMap:
       return "there is no map, and mapping is off";
+    case NoPoseReason::kLensUnknown:
+      return "the lens is not known yet: come nearer to a marker, tilt the camera";
     case NoPoseReason::kNoMarker:
       return "no marker in view";
     case NoPoseReason::kNoneShared:

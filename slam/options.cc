@@ -38,6 +38,7 @@ std::string Options::invalidReason() const {
       loops.invalidReason(),
       screening.invalidReason(),
       shutter.invalidReason(),
+      lens.invalidReason(),
       covariance.invalidReason(),
       natural.invalidReason(),
       pieces.invalidReason(),

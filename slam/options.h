@@ -5,6 +5,7 @@
 #include <string>
 
 #include "slam/camera/lens_optimizer.h"
+#include "slam/camera/lens_options.h"
 #include "slam/camera/rolling_shutter.h"
 #include "slam/covariance/map_covariance.h"
 #include "slam/detection/search/marker_follower.h"
@@ -32,6 +33,7 @@ struct Options {
   LoopOptions loops;
   MarkerScreeningOptions screening;
   RollingShutterOptions shutter;
+  LensOptions lens;
   MapCovarianceOptions covariance;
   NaturalOptions natural;
   PieceOptions pieces;

@@ -5,6 +5,8 @@
 
 #include "base/task.h"
 #include "slam/batch_mapper.h"
+#include "slam/camera/lens_estimator.h"
+#include "slam/camera/lens_share.h"
 #include "slam/camera/rolling_shutter_estimator.h"
 #include "slam/camera/undistort_map.h"
 #include "slam/covariance/map_covariance.h"
@@ -36,10 +38,12 @@ class Piece::Impl {
         counters_(*parts.counters),
         screening_(options_.markers, options_.screening),
         rolling_shutter_(asLearned(options_.shutter, parts.readout_s), options_.markers),
+        lens_known_(*parts.lens),
+        lens_(options_.lens, options_.markers, parts.camera, parts.lens),
         tracker_(camera_, options_.tracking, rolling_shutter_),
         updater_(
             {options_.markers, options_.mapper, options_.loops, options_.tracking.relocalization},
-            camera_, tracker_.tracker().optimizer(), local_, &screening_, &rolling_shutter_,
+            camera_, tracker_.tracker().optimizer(), local_, &screening_, &rolling_shutter_, &lens_,
             &counters_),
         map_(std::move(map)),
         covariance_(options_.markers, options_.covariance, map_, options_.mapping),
@@ -47,21 +51,22 @@ class Piece::Impl {
         pictures_({options_, &updater_, &covariance_, &features_, &map_, &counters_}),
         world_(options_.markers),
         start_({options_, camera_, tracker_.tracker(), &updater_, &covariance_, &map_}),
-        batch_({options_, screening_, rolling_shutter_, tracker_.tracker(), parts.camera, &updater_,
+        batch_({options_, screening_, rolling_shutter_, tracker_.tracker(), parts.camera,
+                *parts.lens, &updater_,
                 &covariance_, &map_}) {}
 
   // The stages of seed 1, Fig. 4, in its order.
   FrameResult process(const FrameInput& frame, std::span<const MarkerDetection> detections,
                       Turn turn, StageObserver* observer) {
     FrameResult result;
-    result.detections = detections;
     if (pictures_.hear(turn == Turn::kOwn ? frame.late : std::span<const LateResult>(), observer)) {
       result.map_changed = true;
     }
     if (updater_.hasFinishedWork()) {
       const StageScope scope(observer, Stage::kMap);
-      collectWork(&result);
+      if (collectWork(&result).lens_changed) detections = undistorted(detections);
     }
+    result.detections = detections;
     const auto prediction = tracker_.predict(frame.time.monotonic_ns);  // in the newest coordinates
     Counters nobodys;
     const auto usable =
@@ -122,13 +127,25 @@ class Piece::Impl {
     local_.reset();
   }
 
-  void undistortAgain() { slam::undistortAgain(camera_, rolling_shutter_.seconds(), &map_); }
+  void undistortAgain() {
+    slam::undistortAgain(camera_, rolling_shutter_.seconds(), &map_);
+    noteLens();
+  }
+
+  bool estimateLens() {
+    if (!options_.mapping) return false;
+    (void)batch();
+    const bool changed =
+        lens_.estimateNow(rolling_shutter_, options_.global_optimization, &map_);
+    if (changed) noteLens();
+    return changed;
+  }
 
   [[nodiscard]] BatchMapper& batch() {
     while (options_.mapping && !updater_.idle(map_)) {
       updater_.work(kUnlimited, map_);
       FrameResult nobodys;
-      collectWork(&nobodys);
+      (void)collectWork(&nobodys);
     }
     return batch_;
   }
@@ -143,7 +160,7 @@ class Piece::Impl {
 
  private:
   // What was under way and is done goes into the map before the next frame is tracked in it.
-  void collectWork(FrameResult* result) {
+  FinishedWork collectWork(FrameResult* result) {
     const FinishedWork finished = updater_.collect(&map_);
     for (const Transform& T_new_old : finished.T_new_old) {
       tracker_.correct(T_new_old);
@@ -153,6 +170,22 @@ class Piece::Impl {
     if (!finished.T_new_old.empty()) result->map_changed = true;
     result->keyframe_added = finished.loop_closed;
     if (finished.loop_closed) local_.reset();
+    if (finished.lens_changed) noteLens();
+    return finished;
+  }
+
+  // What was found in this frame, through the lens that is in use since.
+  std::span<const MarkerDetection> undistorted(std::span<const MarkerDetection> detections) {
+    undistorted_.assign(detections.begin(), detections.end());
+    slam::undistortAgain(camera_, &undistorted_);
+    return undistorted_;
+  }
+
+  // What was seen through another lens: its noise, and where it has put the features.
+  void noteLens() {
+    tracker_.forgetNoise();
+    features_.forget();
+    covariance_.noteChange();
   }
 
   // Section 4.1.
@@ -188,11 +221,21 @@ class Piece::Impl {
     const StageScope scope(observer, Stage::kTrack);
     pose.covariance =
         covariance_.follow(tracked->solution, tracked->eligible) + coverOfOtherPose(*tracked);
+    addLens(*tracked, &pose);
     if (const auto fused = features_.fused()) pose = *fused;
     result->pose = pose;
     result->state = TrackingState::kTracking;
     tracker_.commit(pose, frame.time.monotonic_ns);
     return tracked;
+  }
+
+  // What is not known of a lens that was learned.
+  void addLens(const TrackedFrame& frame, PoseEstimate* pose) const {
+    if (lens_known_.state == LensState::kGiven) return;
+    const Matrix6d share =
+        lensShare(frame.solution, frame.eligible, camera_, lens_known_.covariance);
+    pose->covariance += share;
+    pose->view_covariance += share;
   }
 
   std::optional<TrackedFrame> trackMarkers(std::span<const MarkerDetection> usable,
@@ -288,6 +331,8 @@ class Piece::Impl {
   Counters& counters_;
   MarkerScreening screening_;
   RollingShutterEstimator rolling_shutter_;
+  const LensKnowledge& lens_known_;
+  LensEstimator lens_;
   LocalMarkers local_;
   FrameTracker tracker_;
   MapUpdater updater_;
@@ -298,6 +343,7 @@ class Piece::Impl {
   WorldReference world_;
   MapStart start_;
   BatchMapper batch_;
+  std::vector<MarkerDetection> undistorted_;  // of a frame in which the lens has changed
 };
 
 Piece::Piece(const PieceParts& parts, Map map)
@@ -323,6 +369,7 @@ JointParts Piece::jointParts() const { return impl_->jointParts(); }
 void Piece::absorb(const Map& other, const PieceJoint& joint) { impl_->absorb(other, joint); }
 void Piece::comeIn(const PoseEstimate& pose, std::int64_t time_ns) { impl_->comeIn(pose, time_ns); }
 void Piece::undistortAgain() { impl_->undistortAgain(); }
+bool Piece::estimateLens() { return impl_->estimateLens(); }
 BatchMapper& Piece::batch() { return impl_->batch(); }
 const BatchMapper& Piece::batch() const { return std::as_const(*impl_).batch(); }
 

@@ -6,6 +6,7 @@
 #include <optional>
 #include <span>
 
+#include "slam/camera/lens_knowledge.h"
 #include "slam/counters.h"
 #include "slam/frame.h"
 #include "slam/geometry/camera_model.h"
@@ -25,6 +26,7 @@ class BatchMapper;
 struct PieceParts {
   const Options& options;
   CameraModel* camera;
+  LensKnowledge* lens;
   Counters* counters;
   double readout_s = 0.0;  // as learned so far
 };
@@ -63,8 +65,10 @@ class Piece {
   // The camera is here, though another piece has told so.
   void comeIn(const PoseEstimate& pose, std::int64_t time_ns);
 
-  // The camera's lens is another one.
+  // The camera's lens is another one, as another piece has learned.
   void undistortAgain();
+  // What is under way is done, and the lens estimated from all there is. Whether it is another one.
+  bool estimateLens();
 
   // For the time when no frame waits; what is under way is done first.
   [[nodiscard]] BatchMapper& batch();

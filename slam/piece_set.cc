@@ -22,9 +22,10 @@ PoseEstimate moved(PoseEstimate pose, const Transform& T_v_w, int piece) {
 }  // namespace
 
 PieceSet::PieceSet(const Options& options, std::string dictionary, CameraModel* camera,
-                   Counters* counters, Map map, std::vector<Map> others)
+                   LensKnowledge* lens, Counters* counters, Map map, std::vector<Map> others)
     : options_(options),
       camera_(camera),
+      lens_(lens),
       counters_(counters),
       dictionary_(std::move(dictionary)),
       active_(map.piece) {
@@ -41,7 +42,7 @@ PieceSet::PieceSet(const Options& options, std::string dictionary, CameraModel* 
 std::unique_ptr<Piece> PieceSet::makePiece(Map map) const {
   map.dictionary = dictionary_;
   const double readout_s = pieces_.empty() ? options_.shutter.learned_s : active().readout_s();
-  return std::make_unique<Piece>(PieceParts{options_, camera_, counters_, readout_s},
+  return std::make_unique<Piece>(PieceParts{options_, camera_, lens_, counters_, readout_s},
                                  std::move(map));
 }
 
@@ -67,7 +68,9 @@ PoseEstimate PieceSet::asOfNow(PoseEstimate pose) const {
 FrameResult PieceSet::process(const FrameInput& frame, std::span<const MarkerDetection> detections,
                               StageObserver* observer) {
   tellWhatOthersHave(active_, detections);
+  const int lens_changes = lens_->changes;
   FrameResult result = active().process(frame, detections, Turn::kOwn, observer);
+  if (lens_->changes != lens_changes) spreadLens(active_);
   if (!result.pose && !active().map().empty()) goElsewhere(frame, detections, observer, &result);
   if (hasSeveral() && options_.mapping && (result.map_changed || result.keyframe_added)) {
     connect(frame, detections, &result);
@@ -283,16 +286,32 @@ bool PieceSet::joinAll() {
   return any;
 }
 
+Piece& PieceSet::largest() {
+  return *std::ranges::max_element(pieces_, {}, [](const auto& entry) {
+            return entry.second->map().keyframes().size();
+          })->second;
+}
+
+void PieceSet::spreadLens(int from) {
+  for (auto& [id, piece] : pieces_) {
+    if (id != from) piece->undistortAgain();
+  }
+  next_.reset();
+}
+
 // The piece with the most to say of the lens is asked, and the others see through what it found.
 void PieceSet::optimizeWithIntrinsics() {
-  const auto largest = std::ranges::max_element(
-      pieces_, {}, [](const auto& entry) { return entry.second->map().keyframes().size(); });
-  largest->second->batch().optimizeWithIntrinsics();
+  Piece& asked = largest();
+  asked.batch().optimizeWithIntrinsics();
+  spreadLens(asked.map().piece);
   for (auto& [id, piece] : pieces_) {
-    if (id == largest->first) continue;
-    piece->undistortAgain();
-    piece->batch().optimize();
+    if (id != asked.map().piece) piece->batch().optimize();
   }
+}
+
+void PieceSet::estimateLens() {
+  Piece& asked = largest();
+  if (asked.estimateLens()) spreadLens(asked.map().piece);
 }
 
 }  // namespace waymark::slam

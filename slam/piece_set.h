@@ -11,6 +11,7 @@
 #include <string>
 #include <vector>
 
+#include "slam/camera/lens_knowledge.h"
 #include "slam/counters.h"
 #include "slam/frame.h"
 #include "slam/map/map.h"
@@ -25,8 +26,8 @@ namespace waymark::slam {
 class PieceSet {
  public:
   // All that is given by reference must outlive it.
-  PieceSet(const Options& options, std::string dictionary, CameraModel* camera, Counters* counters,
-           Map map, std::vector<Map> others);
+  PieceSet(const Options& options, std::string dictionary, CameraModel* camera, LensKnowledge* lens,
+           Counters* counters, Map map, std::vector<Map> others);
 
   // The one that the camera is in, or was in last.
   [[nodiscard]] const Piece& active() const { return *pieces_.at(active_); }
@@ -45,6 +46,8 @@ class PieceSet {
   void densify(std::span<const RecordedFrame> frames);
   bool joinAll();
   void optimizeWithIntrinsics();
+  // The lens, from all of the piece with the most to say of it.
+  void estimateLens();
   template <typename Do>
   void forEach(const Do& action) {
     for (auto& [id, piece] : pieces_) action(*piece);
@@ -71,12 +74,16 @@ class PieceSet {
   [[nodiscard]] std::vector<int> claim(int piece);
   void connect(const FrameInput& frame, std::span<const MarkerDetection> detections,
                FrameResult* result);
+  // What a piece has learned of the lens is true of all.
+  void spreadLens(int from);
+  [[nodiscard]] Piece& largest();
   // Of two pieces the one that is left; -1: they are two still.
   int tryToJoin(int a, int b);
   [[nodiscard]] bool givesWay(int piece, int to) const;
 
   const Options& options_;
   CameraModel* camera_;
+  LensKnowledge* lens_;
   Counters* counters_;
   std::string dictionary_;
   std::map<int, std::unique_ptr<Piece>> pieces_;  // by id

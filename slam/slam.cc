@@ -4,6 +4,8 @@
 #include <utility>
 
 #include "slam/batch_mapper.h"
+#include "slam/camera/lens_start.h"
+#include "slam/camera/undistort_map.h"
 #include "slam/frame_detector.h"
 #include "slam/picture_stage.h"
 #include "slam/piece.h"
@@ -18,31 +20,79 @@ class Slam::Impl {
        std::vector<Map> other_pieces)
       : options_(withSurveyedPictures(options)),
         camera_(camera),
+        lens_{.given = camera},
+        lens_start_(startOf(options_, camera)),
         detector_(camera_, std::move(dictionary), options_.detector, options_.follower, &counters_),
-        pieces_(options_, detector_.dictionary().name(), &camera_, &counters_, std::move(map),
-                std::move(other_pieces)) {}
+        pieces_(std::in_place, options_, detector_.dictionary().name(), &camera_, &lens_,
+                &counters_, std::move(map), std::move(other_pieces)) {}
 
   FrameResult process(const FrameInput& frame, StageObserver* observer) {
     ++counters_.frames;
-    const Piece& here = std::as_const(pieces_).active();
+    const Piece& here = std::as_const(*pieces_).active();
     const auto detections = detector_.detect(frame, here.map(), here.local(),
                                              here.predict(frame.time.monotonic_ns), observer);
-    const FrameResult result = pieces_.process(frame, detections, observer);
+    undistorted_with_ = frame.detections ? 0 : lens_.changes;
+    if (lens_start_ && !beginWithLens(detections)) {
+      return {.state = TrackingState::kInitializing,
+              .pose = {},
+              .reason = detections.empty() ? NoPoseReason::kNoMarker : NoPoseReason::kLensUnknown,
+              .detections = detections};
+    }
+    const FrameResult result = pieces_->process(frame, throughLensInUse(detections), observer);
     if (result.pose) ++counters_.localized;
     return result;
   }
 
-  [[nodiscard]] PieceSet& pieces() { return pieces_; }
-  [[nodiscard]] const PieceSet& pieces() const { return pieces_; }
+  [[nodiscard]] PieceSet& pieces() { return *pieces_; }
+  [[nodiscard]] const PieceSet& pieces() const { return *pieces_; }
   [[nodiscard]] const Counters& counters() const { return counters_; }
   [[nodiscard]] const CameraModel& camera() const { return camera_; }
+  [[nodiscard]] const LensKnowledge& lens() const { return lens_; }
 
  private:
+  // Nothing to find out where the calibration is given.
+  static std::optional<LensStart> startOf(const Options& options, const CameraModel& camera) {
+    if (options.lens.given || !options.lens.learn) return std::nullopt;
+    return LensStart(camera, options.lens.prior, options.markers, options.lens.start);
+  }
+
+  // False while the squares so far do not tell enough of the lens. Then the pieces begin anew: much
+  // in them is as the focal length has it.
+  bool beginWithLens(std::span<const MarkerDetection> detections) {
+    const auto found = lens_start_->process(detections);
+    if (!found) return false;
+    lens_start_.reset();
+    camera_ = lens_.given = found->camera;
+    lens_.state = LensState::kLearning;
+    lens_.covariance = found->covariance;
+    ++lens_.changes;
+    std::vector<Map> maps;
+    for (const Map* map : pieces().maps()) maps.push_back(*map);
+    Map first = std::move(maps.front());
+    maps.erase(maps.begin());
+    pieces_.emplace(options_, detector_.dictionary().name(), &camera_, &lens_, &counters_,
+                    std::move(first), std::move(maps));
+    return true;
+  }
+
+  // Corners that came with the frame were undistorted by the lens as it was given; those found in
+  // it by the one that was in use then.
+  std::span<const MarkerDetection> throughLensInUse(std::span<const MarkerDetection> detections) {
+    if (undistorted_with_ == lens_.changes) return detections;
+    undistorted_.assign(detections.begin(), detections.end());
+    undistortAgain(camera_, &undistorted_);
+    return undistorted_;
+  }
+
   Options options_;
-  CameraModel camera_;
+  CameraModel camera_;  // in use
+  LensKnowledge lens_;
+  std::optional<LensStart> lens_start_;  // until a camera that was not given is known a little
   Counters counters_;
   FrameDetector detector_;
-  PieceSet pieces_;
+  std::optional<PieceSet> pieces_;  // always there
+  int undistorted_with_ = 0;                  // the changes of the lens that the frame's corners know
+  std::vector<MarkerDetection> undistorted_;  // reused from frame to frame
 };
 
 Slam::Slam(const CameraModel& camera, Dictionary dictionary, const Options& options, Map map,
@@ -60,6 +110,7 @@ std::vector<const Map*> Slam::pieces() const { return std::as_const(*impl_).piec
 PoseEstimate Slam::asOfNow(PoseEstimate pose) const { return impl_->pieces().asOfNow(pose); }
 const Counters& Slam::counters() const { return impl_->counters(); }
 const CameraModel& Slam::camera() const { return impl_->camera(); }
+const LensKnowledge& Slam::lens() const { return impl_->lens(); }
 void Slam::densify(std::span<const RecordedFrame> frames) { impl_->pieces().densify(frames); }
 bool Slam::joinPieces() { return impl_->pieces().joinAll(); }
 
@@ -70,6 +121,8 @@ void Slam::finish() {
 void Slam::optimizeGlobally() {
   impl_->pieces().forEach([](Piece& piece) { piece.batch().optimize(); });
 }
+
+void Slam::estimateLens() { impl_->pieces().estimateLens(); }
 
 void Slam::optimizeGloballyWithIntrinsics() { impl_->pieces().optimizeWithIntrinsics(); }
 

@@ -7,6 +7,7 @@
 #include <span>
 #include <vector>
 
+#include "slam/camera/lens_knowledge.h"
 #include "slam/counters.h"
 #include "slam/detection/codes/dictionary.h"
 #include "slam/frame.h"
@@ -41,7 +42,9 @@ class Slam {
   // A pose that was told of a piece which is part of another one by now: in the world of that.
   [[nodiscard]] PoseEstimate asOfNow(PoseEstimate pose) const;
   [[nodiscard]] const Counters& counters() const;
+  // The lens in use: as given, or as learned.
   [[nodiscard]] const CameraModel& camera() const;
+  [[nodiscard]] const LensKnowledge& lens() const;
 
   // What is under way (Options::work_per_frame) is done to its end, and in the map.
   void finish();
@@ -53,6 +56,9 @@ class Slam {
   // Joins the pieces that their keyframes connect, whatever it costs; for the end of a recording.
   // Whether there were any.
   bool joinPieces();
+  // The lens from all of the map, whatever it costs, for the end of a recording: another one is in
+  // use where the map contradicts it (Options::lens).
+  void estimateLens();
   // Global optimization of the whole map (section 4.10), for the end of a recording or a map that
   // is to be saved; does nothing when mapping is off.
   void optimizeGlobally();

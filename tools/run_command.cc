@@ -68,6 +68,7 @@ struct RunSetup {
   slam::Options options;
   std::unique_ptr<RunInput> input;
   std::string calibration_change;  // what was done to the calibration; usually nothing
+  std::string calibration_name;    // of the lens as it was used in the end
   std::optional<io::OutputDirectory> output;
   std::optional<io::OutputDirectory> detections;  // the directory of --save-detections
   std::optional<io::OldMap> old_map;
@@ -118,11 +119,31 @@ bool saysOtherwise(const RunArguments& arguments) {
          !arguments.map_in.empty();
 }
 
-Result<slam::Calibration> calibrationOf(const RunArguments& arguments,
-                                        const RecordedInputs& recorded) {
-  if (!arguments.calibration.empty()) return io::readCalibration(arguments.calibration);
-  if (recorded.calibration) return *recorded.calibration;
-  return Error{"--calibration is required"};
+// Empty where nobody has given one.
+Result<std::optional<slam::Calibration>> calibrationOf(const RunArguments& arguments,
+                                                       const RecordedInputs& recorded) {
+  if (arguments.calibration.empty()) return recorded.calibration;
+  const Result<slam::Calibration> read = io::readCalibration(arguments.calibration);
+  if (!read) return read.error();
+  return std::optional(*read);
+}
+
+// A camera that nobody has calibrated is learned from the markers.
+Status takeLens(const OpenedInput& opened, std::optional<double> fov_deg, slam::Options* options) {
+  if (opened.lens_given) return success();
+  slam::LensOptions& lens = options->lens;
+  if (!lens.learn) return Error{"--calibration: required where camera.learn is off"};
+  lens.takeForGuess(fov_deg.has_value());
+  return success();
+}
+
+// What the lens is written as: a file that was given stays what it was.
+std::string calibrationName(const RunArguments& arguments) {
+  std::error_code error;
+  const auto beside = std::filesystem::path(arguments.out) / "calib.yml";
+  const bool is_given = !arguments.calibration.empty() &&
+                        std::filesystem::equivalent(beside, arguments.calibration, error);
+  return is_given ? "calib_learned.yml" : "calib.yml";
 }
 
 // The natural markers of --natural: the SLAM is told of them, and somebody looks for them.
@@ -172,16 +193,19 @@ Result<RunSetup> prepare(const RunArguments& arguments) {
   settings->map.localize_only =
       arguments.localize_only || (as_recorded && settings->map.localize_only);
   if (!as_recorded) recorded->map.reset();
-  const Result<slam::Calibration> calibration = calibrationOf(arguments, *recorded);
+  const Result<std::optional<slam::Calibration>> calibration = calibrationOf(arguments, *recorded);
   if (!calibration) return calibration.error();
   Result<OpenedInput> opened = openRunInput({.source = arguments.source,
                                              .calibration = arguments.calibration,
                                              .calibration_fit = arguments.calibration_fit,
                                              .fps = arguments.fps,
-                                             .realtime = arguments.realtime},
+                                             .realtime = arguments.realtime,
+                                             .fov_deg = settings->fov_deg},
                                             *calibration);
   if (!opened) return opened.error();
   const slam::FittedCalibration& fitted = opened->fitted;
+  const Status lens = takeLens(*opened, settings->fov_deg, &settings->options);
+  if (!lens) return lens.error();
   Result<std::optional<io::OldMap>> old_map =
       oldMap(arguments, *settings, recorded->map, fitted.calibration);
   if (!old_map) return old_map.error();
@@ -198,6 +222,7 @@ Result<RunSetup> prepare(const RunArguments& arguments) {
                  settings->options,
                  std::move(opened->input),
                  fitted.change,
+                 calibrationName(arguments),
                  std::move(output),
                  std::move(detections).value(),
                  std::move(old_map).value(),
@@ -306,8 +331,7 @@ void addTrajectories(const std::string& name, int main_piece,
 // `statistics` makes stats.json, given why it is incomplete. Where the disk is full, what fits.
 Status writeOutputs(const slam::Slam& slam,
                     const std::function<std::string(const std::string&)>& statistics,
-                    const std::string& incomplete, const RunRecord& record, bool with_calibration,
-                    RunSetup& setup) {
+                    const std::string& incomplete, const RunRecord& record, RunSetup& setup) {
   io::OutputDirectory& output = *setup.output;
   const auto final_poses = record.finalPoses(slam, setup.input->unorderedImages());
   auto final_trajectories = io::trajectoriesOf(final_poses);
@@ -319,9 +343,7 @@ Status writeOutputs(const slam::Slam& slam,
   output.add("map.json", mapText(slam, map, setup));
   addTrajectories("trajectory_final", map.piece, final_trajectories, &output);
   output.add("poses_final.csv", io::formatFramePoses(final_poses));
-  if (with_calibration) {
-    output.add("calib.yml", io::formatCalibration(slam.camera().calibration()));
-  }
+  output.add(setup.calibration_name, io::formatCalibration(slam.camera().calibration()));
   output.add("map.svg", io::formatMapPicture({.title = setup.input->description(),
                                               .markers = io::posedMarkerCorners(map),
                                               .estimate = final_trajectories[map.piece],
@@ -432,7 +454,7 @@ Result<ExitCode> run(const RunArguments& arguments) {
     const auto statistics = [&](const std::string& why) {
       return record.statistics(slam, timer, setup.input->droppedLate(), why);
     };
-    note(writeOutputs(slam, statistics, *incomplete, record, arguments.refine_intrinsics, setup));
+    note(writeOutputs(slam, statistics, *incomplete, record, setup));
   }
   if (!arguments.quiet) printSummary(record, slam, timer);
   if (!complete) return kIncomplete;
@@ -467,7 +489,8 @@ void addRunCommand(CLI::App& app, int* exit_code) {
       ->required();
   command->add_option("--calibration", arguments->calibration,
                       "Camera: YAML of OpenCV, ROS (camera_info) or Kalibr (FILE#cam1 for one of "
-                      "several). An event log of the daemon brings its own");
+                      "several). An event log of the daemon brings its own. Without one the lens "
+                      "is learned from the markers");
   addCalibrationFit(*command, arguments->calibration_fit);
   addMarkerArguments(*command, arguments->markers);
   command->add_option(

@@ -1,6 +1,7 @@
 #include "tools/run_input.h"
 
 #include <algorithm>
+#include <array>
 #include <chrono>
 #include <filesystem>
 #include <string>
@@ -103,42 +104,88 @@ class DetectionsInput final : public RunInput {
   std::size_t next_ = 0;
 };
 
+slam::Calibration guessed(int width, int height, const RunInputOptions& options) {
+  return slam::guessedCamera(width, height, options.fov_deg, {}).calibration();
+}
+
+// Nobody says how large the images were that corners were found in.
+Result<slam::Calibration> guessedFor(const io::ImageExtent& corners,
+                                     const RunInputOptions& options) {
+  constexpr std::array<std::pair<int, int>, 14> kUsual = {{{320, 240},
+                                                           {640, 480},
+                                                           {752, 480},
+                                                           {800, 600},
+                                                           {1280, 720},
+                                                           {1280, 960},
+                                                           {1280, 1024},
+                                                           {1440, 1080},
+                                                           {1600, 1200},
+                                                           {1920, 1080},
+                                                           {1920, 1200},
+                                                           {2048, 1536},
+                                                           {2592, 1944},
+                                                           {3840, 2160}}};
+  const auto size = std::ranges::find_if(kUsual, [&](const auto& usual) {
+    return corners.right_px < usual.first && corners.bottom_px < usual.second;
+  });
+  if (size == kUsual.end()) {
+    return Error{options.source + ": --calibration: needed, as the images' size is none of the "
+                                  "usual ones"};
+  }
+  return guessed(size->first, size->second, options);
+}
+
 Result<OpenedInput> openDetections(const RunInputOptions& options,
-                                   const slam::Calibration& calibration) {
+                                   const std::optional<slam::Calibration>& given) {
   if (options.fps || options.realtime) {
     return Error{options.source + ": --fps and --realtime are for frames, not for detections"};
   }
   if (options.calibration_fit != slam::CalibrationFit::kExact) {
     return Error{options.source + ": --calibration-fit is for frames, not for detections"};
   }
+  Result<slam::Calibration> calibration = given ? Result<slam::Calibration>(*given) : Error{};
+  if (!given) {
+    const Result<io::ImageExtent> extent = io::readImageExtent(options.source);
+    if (!extent) return extent.error();
+    calibration = guessedFor(*extent, options);
+    if (!calibration) return calibration.error();
+  }
   Result<io::RecordedDetections> recorded =
-      io::readRecordedDetections(options.source, slam::CameraModel(calibration));
+      io::readRecordedDetections(options.source, slam::CameraModel(*calibration));
   if (!recorded) return recorded.error();
   return OpenedInput{std::make_unique<DetectionsInput>(options.source, std::move(recorded).value()),
-                     {calibration, ""}};
+                     {*calibration, ""},
+                     given.has_value()};
 }
 
 }  // namespace
 
 Result<OpenedInput> openRunInput(const RunInputOptions& options,
-                                 const slam::Calibration& calibration) {
+                                 const std::optional<slam::Calibration>& calibration) {
   if (std::filesystem::path(options.source).extension() == ".csv") {
     return openDetections(options, calibration);
   }
   capture::SourceOptions source_options{.fps = options.fps, .realtime = options.realtime};
-  source_options.camera.width = calibration.width;
-  source_options.camera.height = calibration.height;
+  if (calibration) {
+    source_options.camera.width = calibration->width;
+    source_options.camera.height = calibration->height;
+  }
   Result<std::unique_ptr<capture::FrameSource>> source =
       capture::openSource(options.source, source_options);
   if (!source) return source.error();
   const capture::StreamInfo& info = (*source)->info();
+  const double rate_hz = options.fps.value_or(0.0);
+  if (!calibration) {
+    const slam::Calibration guess = guessed(info.width, info.height, options);
+    return OpenedInput{
+        std::make_unique<FrameInput>(std::move(source).value(), rate_hz), {guess, ""}, false};
+  }
   const Result<slam::FittedCalibration> fitted =
-      slam::fitCalibration(calibration, info.width, info.height, options.calibration_fit);
+      slam::fitCalibration(*calibration, info.width, info.height, options.calibration_fit);
   if (!fitted) {
     return Error{options.source + " and " + options.calibration + ": " + fitted.error().message};
   }
-  return OpenedInput{
-      std::make_unique<FrameInput>(std::move(source).value(), options.fps.value_or(0.0)), *fitted};
+  return OpenedInput{std::make_unique<FrameInput>(std::move(source).value(), rate_hz), *fitted};
 }
 
 }  // namespace waymark::tools

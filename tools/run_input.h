@@ -20,6 +20,7 @@ struct RunInputOptions {
   slam::CalibrationFit calibration_fit = slam::CalibrationFit::kExact;
   std::optional<double> fps;  // Hz
   bool realtime = false;
+  std::optional<double> fov_deg;  // of the image's width, without a calibration
 };
 
 // One frame after the other through the SLAM.
@@ -57,11 +58,14 @@ class RunInput {
 struct OpenedInput {
   std::unique_ptr<RunInput> input;
   slam::FittedCalibration fitted;  // the calibration for these frames
+  bool lens_given = true;          // else it is a guess
 };
 
 // A source that ends in .csv holds recorded detections; anything else is opened as frames, whose
-// size must be the calibration's, or fit it as the options say.
+// size must be the calibration's, or fit it as the options say. Without a calibration the camera is a
+// guess (slam::guessedCamera); recorded detections do not say the size of their images: it is the
+// smallest usual one that has room for all of them.
 [[nodiscard]] Result<OpenedInput> openRunInput(const RunInputOptions& options,
-                                               const slam::Calibration& calibration);
+                                               const std::optional<slam::Calibration>& calibration);
 
 }  // namespace waymark::tools

@@ -37,6 +37,24 @@ io::FrameStatus statusOf(slam::TrackingState state) {
   return io::FrameStatus::kInitializing;
 }
 
+Json lensOf(const slam::Slam& slam) {
+  const slam::LensKnowledge& lens = slam.lens();
+  const slam::Calibration& camera = slam.camera().calibration();
+  Json json;
+  json["state"] = slam::stateName(lens.state);
+  json["fx"] = camera.fx;
+  json["fy"] = camera.fy;
+  json["cx"] = camera.cx;
+  json["cy"] = camera.cy;
+  json["distortion"] = camera.distortion;
+  const bool known = lens.state != slam::LensState::kGiven;
+  json["focal_sigma_percent"] = known ? Json(100.0 * lens.focalShare()) : Json(nullptr);
+  json["rms_before_px"] = known ? Json(lens.rms_before_px) : Json(nullptr);
+  json["rms_after_px"] = known ? Json(lens.rms_after_px) : Json(nullptr);
+  json["changes"] = lens.changes;
+  return json;
+}
+
 }  // namespace
 
 void RunRecord::add(std::int64_t time_ns, const slam::FrameResult& result,
@@ -137,6 +155,7 @@ std::string RunRecord::statistics(const slam::Slam& slam, const StageTimer& time
   json["relocalizations"] = counters.relocalizations;
   json["reprojection_rms_px"] =
       localized_ > 0 ? Json(std::sqrt(squares_px2_ / static_cast<double>(localized_))) : none;
+  json["lens"] = lensOf(slam);
   Json others = Json::object();  // than those above
   for (const slam::NamedCounter& counter : slam::kCounters) {
     if (!json.contains(counter.name)) others[counter.name] = counters.*counter.value;

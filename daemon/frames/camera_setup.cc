@@ -93,15 +93,25 @@ Result<PictureSize> pictureSize(const std::string& source, const capture::Camera
 // keep_jpeg: frames carry the camera's own pictures along, for the recorder.
 Result<CameraSetup> prepareSource(const Configuration& configuration, bool keep_jpeg) {
   const Configuration::Camera& camera = configuration.camera;
-  const Result<slam::Calibration> calibration = io::readCalibration(camera.calibration);
-  if (!calibration) return calibration.error();
-  const capture::SourceOptions options = sourceOptions(configuration, *calibration, keep_jpeg);
+  slam::Calibration calibration;  // without a size where there is none
+  if (!lensIsUnknown(configuration)) {
+    const Result<slam::Calibration> read = io::readCalibration(camera.calibration);
+    if (!read) return read.error();
+    calibration = *read;
+  }
+  const capture::SourceOptions options = sourceOptions(configuration, calibration, keep_jpeg);
   Result<capture::Opener> opener = capture::sourceOpener(camera.source, options);
   if (!opener) return opener.error();
   const Result<PictureSize> size = pictureSize(camera.source, options.camera, *opener);
   if (!size) return size.error();
+  if (lensIsUnknown(configuration)) {
+    const slam::LensStartOptions& start = configuration.slam.options.lens.start;
+    calibration =
+        slam::guessedCamera(size->width, size->height, configuration.slam.fov_deg, start)
+            .calibration();
+  }
   const Result<slam::FittedCalibration> fitted =
-      slam::fitCalibration(*calibration, size->width, size->height, camera.calibration_fit);
+      slam::fitCalibration(calibration, size->width, size->height, camera.calibration_fit);
   if (!fitted) return Error{size->of + ": " + fitted.error().message};
 
   CameraSetup setup{

@@ -52,10 +52,12 @@ std::unique_ptr<Recorder> makeRecorder(const Configuration& configuration,
   if (configuration.record.directory.empty()) return nullptr;
   std::vector<RecordedFile> files;
   files.push_back({RecordedFile::kConfiguration, configuration_file.string(), configuration.text});
-  const fs::path& given = configuration.camera.calibration;
-  files.push_back({RecordedFile::kCalibration,
-                   given.empty() ? configuration.camera.source : given.string(),
-                   io::formatCalibration(calibration)});
+  if (!lensIsUnknown(configuration)) {
+    const fs::path& given = configuration.camera.calibration;
+    files.push_back({RecordedFile::kCalibration,
+                     given.empty() ? configuration.camera.source : given.string(),
+                     io::formatCalibration(calibration)});
+  }
   if (!start.text.empty()) {
     files.push_back({RecordedFile::kMap, configuration.slam.map.in.string(), start.text});
   }

@@ -181,6 +181,8 @@ std::vector<Setting> slamSettingKeys(SlamSettings& target) {
                     100.0, "m"),
       numberSetting("slam.natural.integrator.max_error_rad", o.natural.integrator.max_error_rad,
                     0.01, 3.0, "rad"),
+      flagSetting("camera.learn", o.lens.learn),
+      numberSetting("camera.fov_deg", target.fov_deg, 10.0, 175.0, "degrees"),
       numberSetting("slam.shutter.readout_s", o.shutter.readout_s, -0.2, 0.2, "s"),
   };
   std::ranges::move(detectionKeys(o), std::back_inserter(keys));

@@ -3,6 +3,7 @@
 #pragma once
 
 #include <filesystem>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -24,6 +25,8 @@ struct SlamSettings {
   std::string dictionary;
   slam::Options options;
   MapSettings map;
+  // Of the image's width, where there is no calibration (camera.fov_deg).
+  std::optional<double> fov_deg;
 };
 
 // The keys of [slam]: "slam." and the path in slam::Options, but for dictionary, marker_size_m,

@@ -22,12 +22,12 @@ IntrinsicVector IntrinsicPriors::sigmas() const {
 }
 
 BundleSummary optimizeGloballyWithIntrinsics(Map* map, const MarkerOptions& markers,
-                                             const IntrinsicVector& expected,
-                                             const IntrinsicPriors& priors, double readout_s,
+                                             const ExpectedLens& expected, double readout_s,
                                              const BundleOptions& options, CameraModel* camera) {
   Subproblem part =
       runToCompletion([&](Budget* a) { return buildSubproblem(*map, wholeMap(*map), markers, a); });
-  part.problem.lens = {*camera, *camera, expected, priors.sigmas()};
+  part.problem.lens = {*camera, *camera, expected.intrinsics, expected.sigma,
+                       expected.aspect_sigma};
   BundleAdjuster adjuster(std::move(part.problem), options);
   const BundleSummary summary = runToCompletion([&](Budget* a) { return adjuster.run(a); });
   const MapCorrection correction = correctionOf(part, adjuster);

@@ -21,12 +21,17 @@ struct IntrinsicPriors {
   [[nodiscard]] std::string invalidReason() const;
 };
 
-// As optimizeGlobally(), with the intrinsics as unknowns (Eq. 41), expected where the calibration
-// has them. On success *camera, which undistorted the map's corners, is the better lens, and
+// Where the intrinsics are expected, and how well that is known: as BundleProblem::Lens has it.
+struct ExpectedLens {
+  IntrinsicVector intrinsics = IntrinsicVector::Zero();
+  IntrinsicVector sigma = IntrinsicVector::Zero();
+  double aspect_sigma = 0.0;
+};
+
+// As optimizeGlobally(), with the intrinsics as unknowns (Eq. 41). On success *camera, which undistorted the map's corners, is the better lens, and
 // undistorts them anew.
 BundleSummary optimizeGloballyWithIntrinsics(Map* map, const MarkerOptions& markers,
-                                             const IntrinsicVector& expected,
-                                             const IntrinsicPriors& priors, double readout_s,
+                                             const ExpectedLens& expected, double readout_s,
                                              const BundleOptions& options, CameraModel* camera);
 
 }  // namespace waymark::slam

@@ -1,14 +1,12 @@
 #include "slam/camera/readout_estimate.h"
 
+#include <cmath>
 #include <utility>
 
 #include "slam/camera/rolling_shutter.h"
-#include "slam/optimization/subproblem.h"
 
 namespace waymark::slam {
-namespace {
 
-// The readout time as an unknown: where the corners would have moved with another one.
 void freeReadout(const Map& map, double readout_s, const CameraModel& camera, Subproblem* part) {
   BundleProblem& problem = part->problem;
   BundleProblem::Shutter shutter;
@@ -31,8 +29,6 @@ void freeReadout(const Map& map, double readout_s, const CameraModel& camera, Su
   problem.shutter = std::move(shutter);
 }
 
-}  // namespace
-
 Task<std::optional<ReadoutEstimate>> estimateReadout(const Map& map, const MarkerOptions& markers,
                                                      double readout_s, const CameraModel& camera,
                                                      int keyframes, BundleOptions options,
@@ -41,9 +37,9 @@ Task<std::optional<ReadoutEstimate>> estimateReadout(const Map& map, const Marke
   freeReadout(map, readout_s, camera, &newest);
   BundleAdjuster adjuster(std::move(newest.problem), options);
   const BundleSummary summary = co_await adjuster.run(budget);
-  const std::optional<double> sigma_s = co_await adjuster.readoutSigma_s(budget);
-  if (summary.failed || !sigma_s) co_return std::nullopt;
-  co_return ReadoutEstimate{adjuster.problem().shutter->readout_s, *sigma_s};
+  const std::optional<GlobalMatrix> covariance = co_await adjuster.globalsCovariance(budget);
+  if (summary.failed || !covariance || !((*covariance)(9, 9) > 0.0)) co_return std::nullopt;
+  co_return ReadoutEstimate{adjuster.problem().shutter->readout_s, std::sqrt((*covariance)(9, 9))};
 }
 
 }  // namespace waymark::slam

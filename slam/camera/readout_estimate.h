@@ -8,8 +8,13 @@
 #include "slam/map/map.h"
 #include "slam/map/marker_options.h"
 #include "slam/optimization/bundle_adjuster.h"
+#include "slam/optimization/subproblem.h"
 
 namespace waymark::slam {
+
+// The readout time becomes an unknown of the part, whose corners were corrected with readout_s: where
+// they would have moved with another one.
+void freeReadout(const Map& map, double readout_s, const CameraModel& camera, Subproblem* part);
 
 // What it most likely is, given the newest keyframes, and how well that is known.
 struct ReadoutEstimate {

@@ -27,6 +27,9 @@ class RollingShutterEstimator {
   // First to last row; 0 for a global shutter.
   [[nodiscard]] double seconds() const { return seconds_; }
 
+  // By whoever knows: it is not learned.
+  [[nodiscard]] bool isGiven() const { return shutter_.readout_s.has_value(); }
+
   // Moves the corners of a frame at T_w_c to where a global shutter would have seen them.
   void deskew(const CameraModel& camera, const Map& map, const Transform& T_w_c, const Twist& twist,
               std::vector<MarkerDetection>* detections) const;

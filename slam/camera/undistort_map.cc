@@ -1,10 +1,40 @@
 #include "slam/camera/undistort_map.h"
 
+#include <array>
+#include <cmath>
 #include <vector>
 
 #include "slam/camera/rolling_shutter.h"
 
 namespace waymark::slam {
+namespace {
+
+double perimeter(const std::array<Eigen::Vector2d, 4>& corners) {
+  double length = 0.0;
+  for (std::size_t k = 0; k < 4; ++k) length += (corners[(k + 1) % 4] - corners[k]).norm();
+  return length;
+}
+
+// Noise is of pixels, and normalized coordinates are longer with a shorter focal length. Moving
+// cameras and small changes of a lens leave it as it is.
+void scaleNoise(const std::array<Eigen::Vector2d, 4>& before, MarkerDetection* detection) {
+  constexpr double kSmall = 0.02;
+  const double length = perimeter(before);
+  const double scale = length > 0.0 ? perimeter(detection->normalized) / length : 1.0;
+  if (std::abs(scale - 1.0) < kSmall) return;
+  for (Eigen::Matrix2d& covariance : detection->covariance) covariance *= scale * scale;
+}
+
+}  // namespace
+
+void undistortAgain(const CameraModel& camera, std::vector<MarkerDetection>* detections) {
+  std::erase_if(*detections, [&](MarkerDetection& detection) {
+    const auto before = detection.normalized;
+    if (!undistortCorners(camera, &detection)) return true;
+    scaleNoise(before, &detection);
+    return false;
+  });
+}
 
 void undistortAgain(const CameraModel& camera, double readout_s, Map* map) {
   map->beginEpoch();
@@ -13,10 +43,14 @@ void undistortAgain(const CameraModel& camera, double readout_s, Map* map) {
     const SharedDetections before = keyframe.detections;
     for (const MarkerDetection& detection : before) {
       const MapMarker& marker = map->markers().at(detection.id);
-      const auto again = deskewed(detection, camera, keyframe.T_w_c, keyframe.twist, marker.T_w_m,
+      auto again = deskewed(detection, camera, keyframe.T_w_c, keyframe.twist, marker.T_w_m,
                                   marker.size_m, readout_s);
-      if (again) map->replaceView(id, *again);
-      if (!again) unseen.push_back(detection.id);
+      if (again) {
+        scaleNoise(detection.normalized, &*again);
+        map->replaceView(id, *again);
+      } else {
+        unseen.push_back(detection.id);
+      }
     }
     const KeyframeId only[] = {id};
     for (const int marker_id : unseen) map->removeViews(marker_id, only);

@@ -1,6 +1,9 @@
 // A map after the camera has turned out to be another one.
 #pragma once
 
+#include <vector>
+
+#include "slam/detection/marker_detection.h"
 #include "slam/geometry/camera_model.h"
 #include "slam/map/map.h"
 
@@ -9,5 +12,7 @@ namespace waymark::slam {
 // The detections' normalized corners follow from their pixels anew, with this lens and this
 // shutter. One that the lens cannot have seen leaves its keyframe.
 void undistortAgain(const CameraModel& camera, double readout_s, Map* map);
+// The same of a frame's detections, as a global shutter saw them.
+void undistortAgain(const CameraModel& camera, std::vector<MarkerDetection>* detections);
 
 }  // namespace waymark::slam

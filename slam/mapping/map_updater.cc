@@ -82,12 +82,14 @@ bool MapUpdater::screenMarkers(const TrackedFrame& frame, Map* map) {
 
 // What local optimization leaves is for what is larger than the neighbourhood of a keyframe.
 void MapUpdater::work(double budget, const Map& map) {
-  const bool local_only = loops_.idle() && rolling_shutter_->idle(map);
+  const bool local_only = loops_.idle() && rolling_shutter_->idle(map) && lens_->idle(map);
   loops_.relaxInIdleTime(map, local_only && mapper_.idle());
   const double for_local = local_only ? budget : options_.mapper.work_share * budget;
   const double unspent = std::max(mapper_.work(for_local, map), 0.0);
   const double rest = budget - for_local + unspent;
-  if (loops_.idle()) {
+  if (!lens_->idle(map)) {
+    lens_->work(rest, *rolling_shutter_, map, options_.loops.optimization);
+  } else if (loops_.idle()) {
     rolling_shutter_->work(rest, camera_, map, options_.loops.optimization);
   } else {
     loops_.work(rest);
@@ -102,6 +104,11 @@ FinishedWork MapUpdater::collect(Map* map) {
   };
   add(mapper_.takeWorldMotion());
   add(mapper_.collect(map, counters_));
+  if (lens_->isDone()) {
+    finished.lens_changed = add(lens_->collect(*rolling_shutter_, options_.loops.optimization, map));
+    // What did not fit may have been the lens.
+    if (finished.lens_changed) screening_->forgetDisagreements();
+  }
   add(rolling_shutter_->collect(camera_, options_.loops.optimization, map));
   const std::uint64_t closures = counters_->loop_closures;
   add(loops_.collect(map));

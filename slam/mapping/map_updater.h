@@ -1,11 +1,12 @@
 // What a tracked frame does to the map (seed 1, sections 4.2 and 4.4 to 4.9): loops, keyframes,
 // untrustworthy markers; and what goes on over many frames, in slices: local optimization, loop
-// closure, the rolling shutter's readout time.
+// closure, the lens, the rolling shutter's readout time.
 #pragma once
 
 #include <span>
 #include <vector>
 
+#include "slam/camera/lens_estimator.h"
 #include "slam/camera/rolling_shutter_estimator.h"
 #include "slam/counters.h"
 #include "slam/loop_closure/loop_closure_manager.h"
@@ -32,6 +33,7 @@ struct FinishedWork {
   // How the map moved under the camera, one correction after the other; empty: not at all.
   std::vector<Transform> T_new_old;
   bool loop_closed = false;
+  bool lens_changed = false;
 };
 
 // The options of what it puts together.
@@ -47,11 +49,12 @@ class MapUpdater {
  public:
   MapUpdater(const MapUpdaterOptions& options, const CameraModel& camera,
              const PoseOptimizer& optimizer, const LocalMarkers& local, MarkerScreening* screening,
-             RollingShutterEstimator* rolling_shutter, Counters* counters)
+             RollingShutterEstimator* rolling_shutter, LensEstimator* lens, Counters* counters)
       : options_(options),
         camera_(camera),
         screening_(screening),
         rolling_shutter_(rolling_shutter),
+        lens_(lens),
         counters_(counters),
         mapper_(options.markers, camera.focalLength(), options.mapper),
         gaps_(options.markers, camera.focalLength(), options.mapper.marker_pose,
@@ -82,13 +85,13 @@ class MapUpdater {
   void work(double budget, const Map& map);
   [[nodiscard]] bool hasFinishedWork() const {
     return mapper_.worldMoved() || mapper_.isDone() || rolling_shutter_->isDone() ||
-           loops_.isDone();
+           lens_->isDone() || loops_.isDone();
   }
   // Puts into the map what is done.
   [[nodiscard]] FinishedWork collect(Map* map);
   // Nothing is under way, due, or waits to be collected.
   [[nodiscard]] bool idle(const Map& map) const {
-    return mapper_.idle() && rolling_shutter_->idle(map) && loops_.idle();
+    return mapper_.idle() && rolling_shutter_->idle(map) && lens_->idle(map) && loops_.idle();
   }
 
   // Standard deviation of the map's whitened residuals as of late, at least 1.
@@ -104,6 +107,7 @@ class MapUpdater {
   const CameraModel& camera_;
   MarkerScreening* screening_;
   RollingShutterEstimator* rolling_shutter_;
+  LensEstimator* lens_;
   bool start_moves_ = false;  // nothing is known yet of how the first keyframes moved
   Counters* counters_;
   Mapper mapper_;

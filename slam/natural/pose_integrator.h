@@ -122,6 +122,8 @@ class PoseIntegrator {
 
   // The world's coordinates have changed.
   void moveWorld(const Transform& T_new_old);
+  // All that is followed is forgotten.
+  void giveUp();
 
  private:
   [[nodiscard]] bool running() const { return filter_ && filter_->running(); }
@@ -160,7 +162,6 @@ class PoseIntegrator {
   // After a frame with that pose from markers.
   [[nodiscard]] std::optional<PoseEstimate> fusedPose(const PoseEstimate& of_markers,
                                                       const VisualUpdate& update) const;
-  void giveUp();
   // To the frame's time; gives up after a pause.
   void advance(std::int64_t time_ns);
   void start(std::int64_t time_ns, const PoseEstimate& pose);

@@ -246,11 +246,10 @@ void BlockSystem::invertColumn(int column, std::vector<Matrix6d>* scratch) {
   }
 }
 
-std::optional<double> BlockSystem::lastVariance() const {
+std::optional<GlobalMatrix> BlockSystem::globalsCovariance() const {
   const Eigen::LLT<GlobalMatrix> factor(globals_);
   if (factor.info() != Eigen::Success) return std::nullopt;
-  constexpr int kLast = BundleProblem::kGlobals - 1;
-  return factor.solve(GlobalVector::Unit(kLast))[kLast];
+  return GlobalMatrix(factor.solve(GlobalMatrix::Identity()));
 }
 
 }  // namespace waymark::slam

@@ -41,8 +41,8 @@ class BlockSystem {
   Task<Done> invert(Budget* budget);
   // As place(); empty where two positions share no block of the factor.
   [[nodiscard]] std::optional<std::size_t> findPlace(int row, int column) const;
-  // Of the last global: the last entry of the inverse. After solve(), with globals.
-  [[nodiscard]] std::optional<double> lastVariance() const;
+  // Of the globals: their part of the inverse. After solve(), with globals.
+  [[nodiscard]] std::optional<GlobalMatrix> globalsCovariance() const;
 
  private:
   static std::size_t at(int index) { return static_cast<std::size_t>(index); }

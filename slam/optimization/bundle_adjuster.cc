@@ -165,12 +165,13 @@ Matrix6d BundleAdjuster::markerCovariance(int marker) const {
                         summary_.residual_sigma);
 }
 
-Task<std::optional<double>> BundleAdjuster::readoutSigma_s(Budget* budget) {
-  if (!problem_.shutter) co_return std::nullopt;
+Task<std::optional<GlobalMatrix>> BundleAdjuster::globalsCovariance(Budget* budget) {
+  if (!problem_.hasGlobals()) co_return std::nullopt;
   const bool solved = co_await schur_.solve(problem_, equations_, 0.0, &step_, budget);
-  const auto variance = solved ? schur_.readoutVariance(problem_) : std::nullopt;
-  if (!variance || !(*variance > 0.0)) co_return std::nullopt;
-  co_return summary_.residual_sigma* std::sqrt(*variance);
+  auto covariance = solved ? schur_.globalsCovariance(problem_) : std::nullopt;
+  if (!covariance || !covariance->allFinite()) co_return std::nullopt;
+  *covariance *= summary_.residual_sigma * summary_.residual_sigma;
+  co_return covariance;
 }
 
 Task<Done> movePoses(const std::vector<BundleProblem::Pose>& from,

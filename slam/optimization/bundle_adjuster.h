@@ -75,9 +75,9 @@ class BundleAdjuster {
   // Of a marker's (dp, dtheta), given the cameras: the inverse of its own block of the normal
   // equations, scaled by the noise. Zero for a marker nobody sees.
   [[nodiscard]] Matrix6d markerCovariance(int marker) const;
-  // Standard deviation of the readout time, seconds, scaled by the noise; empty when it is no
-  // unknown or cannot be known.
-  Task<std::optional<double>> readoutSigma_s(Budget* budget);
+  // Of the intrinsics and the readout time (seconds), all poses free as well, scaled by the noise;
+  // empty when they are no unknowns or cannot be known.
+  Task<std::optional<GlobalMatrix>> globalsCovariance(Budget* budget);
 
  private:
   // Weights, noise and the first linearization; false when a corner is behind its camera.

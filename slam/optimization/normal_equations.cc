@@ -186,16 +186,24 @@ Vector6d priorError(const BundleProblem& problem, const BundleProblem::Prior& pr
   return prior.T_w_m.localCoordinates(problem.markers[at(prior.marker)].T);
 }
 
+// That pixels are squares, of fx and fy: d (fx / fy), relative to the expected ratio.
+void addAspect(const BundleProblem::Lens& lens, GlobalMatrix* information) {
+  if (!(lens.aspect_sigma > 0.0)) return;
+  const Eigen::Vector2d J(1.0 / lens.expected[0], -1.0 / lens.expected[1]);
+  information->topLeftCorner<2, 2>() += J * J.transpose() / (lens.aspect_sigma * lens.aspect_sigma);
+}
+
 // 1 / sigma^2 of each global; a fixed one gets a weight no data outvotes.
-GlobalVector globalInformation(const BundleProblem& problem) {
+GlobalMatrix globalInformation(const BundleProblem& problem) {
   constexpr double kFixed = 1e16;
   GlobalVector sigma = GlobalVector::Zero();
   if (problem.lens) sigma.head<9>() = problem.lens->sigma;
   if (problem.shutter) sigma[9] = problem.shutter->sigma_s;
-  GlobalVector information;
-  for (Eigen::Index i = 0; i < information.size(); ++i) {
-    information[i] = sigma[i] > 0.0 ? std::min(1.0 / (sigma[i] * sigma[i]), kFixed) : kFixed;
+  GlobalMatrix information = GlobalMatrix::Zero();
+  for (Eigen::Index i = 0; i < sigma.size(); ++i) {
+    information(i, i) = sigma[i] > 0.0 ? std::min(1.0 / (sigma[i] * sigma[i]), kFixed) : kFixed;
   }
+  if (problem.lens) addAspect(*problem.lens, &information);
   return information;
 }
 
@@ -221,7 +229,7 @@ double priorCost(const BundleProblem& problem) {
   }
   if (problem.hasGlobals()) {
     const GlobalVector e = globalError(problem);
-    cost += e.dot(globalInformation(problem).asDiagonal() * e);
+    cost += e.dot(globalInformation(problem) * e);
   }
   return cost;
 }
@@ -233,9 +241,9 @@ void addPriors(const BundleProblem& problem, NormalEquations* equations) {
     equations->g_marker[at(prior.marker)] += prior.information * priorError(problem, prior);
   }
   if (problem.hasGlobals()) {
-    const GlobalVector information = globalInformation(problem);
-    equations->H_global.diagonal() += information;
-    equations->g_global += information.cwiseProduct(globalError(problem));
+    const GlobalMatrix information = globalInformation(problem);
+    equations->H_global += information;
+    equations->g_global += information * globalError(problem);
   }
 }
 

@@ -191,8 +191,9 @@ void SchurComplement::substitute(std::size_t gone, bool with_globals, const Glob
   *step = x;
 }
 
-std::optional<double> SchurComplement::readoutVariance(const BundleProblem& problem) const {
-  return problem.shutter ? reduced_.lastVariance() : std::nullopt;
+std::optional<GlobalMatrix> SchurComplement::globalsCovariance(
+    const BundleProblem& problem) const {
+  return problem.hasGlobals() ? reduced_.globalsCovariance() : std::nullopt;
 }
 
 }  // namespace waymark::slam

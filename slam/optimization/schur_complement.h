@@ -26,9 +26,9 @@ class SchurComplement {
   // Solves the damped equations; false when they are singular.
   Task<bool> solve(const BundleProblem& problem, const NormalEquations& equations, double lambda,
                    BundleStep* step, Budget* budget);
-  // Variance of the readout time, whitened, all other unknowns free as well. Empty when it is none.
+  // Covariance of the globals, whitened, all other unknowns free as well. Empty without globals.
   // The last solve() was of these equations, undamped.
-  [[nodiscard]] std::optional<double> readoutVariance(const BundleProblem& problem) const;
+  [[nodiscard]] std::optional<GlobalMatrix> globalsCovariance(const BundleProblem& problem) const;
 
  private:
   struct View {

@@ -123,6 +123,11 @@ class FrameTracker {
   void correct(const Transform& T_new_old) {
     if (const auto last = tracker_.lastPose()) tracker_.correct(T_new_old * *last);
   }
+  // The residuals so far were of another lens.
+  void forgetNoise() {
+    residual_variance_ = ResidualVariance(options_.residual_variance);
+    judge_.forget();
+  }
   [[nodiscard]] const Tracker& tracker() const { return tracker_; }
 
  private:

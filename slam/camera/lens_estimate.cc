@@ -1,0 +1,127 @@
+#include "slam/camera/lens_estimate.h"
+
+#include <cmath>
+#include <limits>
+#include <utility>
+#include <vector>
+
+#include <Eigen/Cholesky>
+
+#include "slam/camera/lens_model.h"
+#include "slam/camera/readout_estimate.h"
+#include "slam/optimization/normal_equations.h"
+
+namespace waymark::slam {
+namespace {
+
+// Nobody is left out while the lens is wrong: the views that speak loudest of it fit worst.
+BundleOptions ungated(BundleOptions options) {
+  options.view_chi2 = 0.0;
+  return options;
+}
+
+void freeLens(const LensProblem& lens, BundleProblem* problem) {
+  problem->lens = {lens.in_use, lens.in_use, lens.expected.intrinsics(),
+                   lens.prior.sigmas(lens.expected), lens.prior.aspect_share};
+}
+
+// Root mean square of the corners' distances from where they were seen, pixels.
+double rmsPx(const BundleProblem& problem) {
+  double sum = 0.0;
+  std::size_t corners = 0;
+  for (const auto& observation : problem.observations) {
+    const Transform T_c_m = problem.cameras[static_cast<std::size_t>(observation.camera)].T.inverse() *
+                            problem.markers[static_cast<std::size_t>(observation.marker)].T;
+    const auto points =
+        markerCorners(problem.marker_sizes_m[static_cast<std::size_t>(observation.marker)]);
+    for (std::size_t k = 0; k < 4; ++k) {
+      const Eigen::Vector3d p = T_c_m * points[k];
+      const Eigen::Vector2d projected = problem.lens->camera.distort(p.head<2>() / p.z());
+      const Eigen::Vector2d seen =
+          problem.lens->seen_with.distort(observation.detection->normalized[k]);
+      sum += (projected - seen).squaredNorm();
+      ++corners;
+    }
+  }
+  return corners > 0 ? std::sqrt(sum / static_cast<double>(corners)) : 0.0;
+}
+
+// How well a lens explains the corners, in units of the noise; more than any where it does not see
+// them.
+Task<double> costOf(const BundleProblem& problem, double huber, Budget* budget) {
+  const std::vector<WhitenedCorners> whitened = co_await whitenCorners(problem, budget);
+  double cost = 0.0;
+  const bool seen = co_await robustCost(problem, whitened, huber, &cost, budget);
+  co_return seen ? cost : std::numeric_limits<double>::infinity();
+}
+
+// The same lens in the other model's terms, expected where the other model has what was expected.
+// Empty where there is none.
+std::optional<BundleProblem> inOtherModel(const LensProblem& lens, const BundleProblem& problem) {
+  const DistortionModel other =
+      problem.lens->camera.calibration().model == DistortionModel::kRational
+          ? DistortionModel::kEquidistant
+          : DistortionModel::kRational;
+  const auto camera = inModel(other, problem.lens->camera);
+  const auto expected = inModel(other, lens.expected);
+  if (!camera || !expected) return std::nullopt;
+  BundleProblem result = problem;
+  result.lens = {*camera, lens.in_use, expected->intrinsics(), lens.prior.sigmas(*expected),
+                 lens.prior.aspect_share};
+  return result;
+}
+
+}  // namespace
+
+Task<std::optional<LensEstimate>> estimateLens(const Map& map, const MarkerOptions& markers,
+                                               LensProblem lens, BundleOptions options,
+                                               Budget* budget) {
+  lens.expected = asLens(lens.expected, lens.in_use);
+  const bool whole = static_cast<int>(map.keyframes().size()) <= lens.max_keyframes;
+  SubproblemMembers members = whole ? wholeMap(map) : newestMap(map, lens.max_keyframes);
+  Subproblem part = co_await buildSubproblem(map, std::move(members), markers, budget);
+  if (!lens.readout_known) freeReadout(map, lens.readout_s, lens.in_use, &part);
+  freeLens(lens, &part.problem);
+  const double before_px = rmsPx(part.problem);
+  BundleAdjuster roughly(std::move(part.problem), ungated(options));
+  const BundleSummary rough = co_await roughly.run(budget);
+  if (rough.failed) co_return std::nullopt;
+  // Again with the noise as it is through the better lens.
+  BundleAdjuster adjuster(roughly.problem(), options);
+  BundleSummary summary = co_await adjuster.run(budget);
+  if (lens.any_model && !summary.failed) {
+    // By more than chance: twice the log of likelihoods, in units of the noise.
+    constexpr double kEvidence = 20.0;
+    std::optional<BundleProblem> other_problem = inOtherModel(lens, adjuster.problem());
+    if (other_problem) {
+      BundleAdjuster other(std::move(*other_problem), options);
+      const BundleSummary of_other = co_await other.run(budget);
+      const double sigma = summary.residual_sigma;
+      const double cost = co_await costOf(adjuster.problem(), options.huber * sigma, budget);
+      const double other_cost = co_await costOf(other.problem(), options.huber * sigma, budget);
+      if (!of_other.failed && other_cost + kEvidence * sigma * sigma < cost) {
+        adjuster = std::move(other);
+        summary = of_other;
+      }
+    }
+  }
+  const auto covariance = co_await adjuster.globalsCovariance(budget);
+  if (summary.failed || !covariance) co_return std::nullopt;
+  std::optional<LensEstimate> estimate({.camera = adjuster.problem().lens->camera,
+                                        .covariance = covariance->topLeftCorner<9, 9>(),
+                                        .correction = correctionOf(part, adjuster),
+                                        .of_whole_map = whole,
+                                        .rms_before_px = before_px,
+                                        .rms_after_px = rmsPx(adjuster.problem())});
+  co_return estimate;
+}
+
+double lensChange(const LensEstimate& estimate, const CameraModel& in_use) {
+  if (estimate.camera.calibration().model != in_use.calibration().model) {
+    return std::numeric_limits<double>::infinity();
+  }
+  const IntrinsicVector difference = estimate.camera.intrinsics() - in_use.intrinsics();
+  return difference.dot(estimate.covariance.ldlt().solve(difference));
+}
+
+}  // namespace waymark::slam

@@ -1,0 +1,49 @@
+// The lens among the unknowns of an optimization, while the map grows (Eq. 41 of seed 1, in slices).
+#pragma once
+
+#include <optional>
+
+#include "base/task.h"
+#include "slam/camera/lens_knowledge.h"
+#include "slam/geometry/camera_model.h"
+#include "slam/map/map.h"
+#include "slam/map/marker_options.h"
+#include "slam/optimization/bundle_adjuster.h"
+#include "slam/optimization/subproblem.h"
+
+namespace waymark::slam {
+
+// What it most likely is, given keyframes and prior, how well that is known, and where the map is
+// as seen through it.
+struct LensEstimate {
+  CameraModel camera;
+  IntrinsicMatrix covariance = IntrinsicMatrix::Zero();
+  MapCorrection correction;
+  bool of_whole_map = false;
+  // Of the corners, pixels: with the lens in use, and with this one.
+  double rms_before_px = 0.0;
+  double rms_after_px = 0.0;
+};
+
+struct LensProblem {
+  CameraModel in_use;  // that undistorted the map's corners
+  CameraModel expected;
+  LensPrior prior;
+  double readout_s = 0.0;      // that they were corrected with
+  bool readout_known = false;  // else it is one more unknown, which would pass for a bent lens
+  int max_keyframes = 100;     // the newest ones of a larger map
+  // Nobody has said which distortion model it is: the other one is tried as well.
+  bool any_model = false;
+};
+
+// The map stays as it is. What is given by reference must outlive the task. Empty where there is no
+// optimum.
+Task<std::optional<LensEstimate>> estimateLens(const Map& map, const MarkerOptions& markers,
+                                               LensProblem lens, BundleOptions options,
+                                               Budget* budget);
+
+// How much an estimate differs from the lens in use: chi-square of the intrinsics; infinite where
+// the models differ.
+[[nodiscard]] double lensChange(const LensEstimate& estimate, const CameraModel& in_use);
+
+}  // namespace waymark::slam

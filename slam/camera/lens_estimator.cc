@@ -1,0 +1,111 @@
+#include "slam/camera/lens_estimator.h"
+
+#include <algorithm>
+#include <limits>
+
+#include "slam/camera/undistort_map.h"
+#include "slam/optimization/map_optimizer.h"
+
+namespace waymark::slam {
+namespace {
+
+// None of the map's corners is beyond what the lens can see.
+bool seesAllOf(const CameraModel& camera, const Map& map) {
+  return std::ranges::all_of(map.keyframes(), [&](const auto& entry) {
+    return std::ranges::all_of(entry.second.detections, [&](const MarkerDetection& detection) {
+      return undistortCorners(camera, detection.pixels).has_value();
+    });
+  });
+}
+
+}  // namespace
+
+bool LensEstimator::isDue(const Map& map) const {
+  return options_.learn && static_cast<int>(map.keyframes().size()) >= next_keyframes_;
+}
+
+LensProblem LensEstimator::problemOf(const RollingShutterEstimator& shutter) const {
+  return {.in_use = *camera_,
+          .expected = knowledge_->given,
+          .prior = options_.prior,
+          .readout_s = shutter.seconds(),
+          .readout_known = shutter.isGiven(),
+          .max_keyframes = options_.max_keyframes,
+          .any_model = !options_.given};
+}
+
+void LensEstimator::work(double cost, const RollingShutterEstimator& shutter, const Map& map,
+                         const BundleOptions& optimization) {
+  if (!estimate_ && !whole_ && isDue(map)) {
+    next_keyframes_ =
+        static_cast<int>(options_.growth * static_cast<double>(map.keyframes().size())) + 1;
+    estimate_.emplace([&](Budget* budget) {
+      return estimateLens(map, markers_, problemOf(shutter), optimization, budget);
+    });
+  }
+  if (estimate_) (void)estimate_->advance(cost);
+  if (whole_) (void)whole_->advance(cost);
+}
+
+std::optional<Transform> LensEstimator::collect(const RollingShutterEstimator& shutter,
+                                                const BundleOptions& optimization, Map* map) {
+  if (estimate_ && estimate_->done()) {
+    const std::optional<LensEstimate> found = estimate_->take();
+    estimate_.reset();
+    if (!found || !believes(*found, *map)) return std::nullopt;
+    auto T_new_old = adopt(*found, shutter.seconds(), map);
+    if (!found->of_whole_map) {
+      whole_.emplace([&](Budget* budget) {
+        return optimizeSubproblem(*map, wholeMap(*map), markers_, optimization, budget);
+      });
+    }
+    return T_new_old;
+  }
+  if (!isDone()) return std::nullopt;
+  const MapCorrection correction = whole_->take();
+  whole_.reset();
+  if (correction.keyframes.empty()) return std::nullopt;
+  auto T_new_old = applyAround(correction.keyframes.back().id, correction, map);
+  if (T_new_old) map->beginEpoch();
+  return T_new_old;
+}
+
+bool LensEstimator::estimateNow(const RollingShutterEstimator& shutter,
+                                const BundleOptions& optimization, Map* map) {
+  if (!options_.learn || map->keyframes().empty()) return false;
+  LensProblem problem = problemOf(shutter);
+  problem.max_keyframes = std::numeric_limits<int>::max();
+  const auto found = runToCompletion(
+      [&](Budget* budget) { return estimateLens(*map, markers_, problem, optimization, budget); });
+  if (!found || !believes(*found, *map)) return false;
+  (void)adopt(*found, shutter.seconds(), map);
+  return true;
+}
+
+bool LensEstimator::believes(const LensEstimate& estimate, const Map& map) const {
+  // Of coordinates that are not the map's any more; or of nothing.
+  if (estimate.correction.epoch != map.epoch() || estimate.correction.keyframes.empty()) {
+    return false;
+  }
+  const bool was_learned = knowledge_->state != LensState::kGiven;
+  const double least = was_learned ? options_.min_change_chi2 : options_.min_chi2;
+  if (!(lensChange(estimate, *camera_) > least)) return false;
+  return coversImage(estimate.camera) >= coversImage(*camera_) && seesAllOf(estimate.camera, map);
+}
+
+std::optional<Transform> LensEstimator::adopt(const LensEstimate& estimate, double readout_s,
+                                              Map* map) {
+  auto T_new_old = applyAround(estimate.correction.keyframes.back().id, estimate.correction, map);
+  *camera_ = estimate.camera;
+  LensKnowledge& known = *knowledge_;
+  known.covariance = estimate.covariance;
+  known.rms_before_px = estimate.rms_before_px;
+  known.rms_after_px = estimate.rms_after_px;
+  ++known.changes;
+  known.state = known.focalShare() <= options_.learned_focal_share ? LensState::kLearned
+                                                                   : LensState::kLearning;
+  undistortAgain(*camera_, readout_s, map);
+  return T_new_old;
+}
+
+}  // namespace waymark::slam

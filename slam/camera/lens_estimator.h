@@ -1,0 +1,63 @@
+// The lens in use, as given or learned along with the map. Beyond seed 1, which optimizes the
+// intrinsics at the end only (Eq. 41): a lens that is 1 % off bends the map while it grows.
+#pragma once
+
+#include <optional>
+
+#include "base/task.h"
+#include "slam/camera/lens_estimate.h"
+#include "slam/camera/lens_knowledge.h"
+#include "slam/camera/lens_options.h"
+#include "slam/camera/rolling_shutter_estimator.h"
+#include "slam/geometry/camera_model.h"
+#include "slam/map/map.h"
+#include "slam/map/marker_options.h"
+#include "slam/optimization/subproblem.h"
+
+namespace waymark::slam {
+
+class LensEstimator {
+ public:
+  // camera: the lens in use, that undistorted the map's corners. All must outlive it.
+  LensEstimator(const LensOptions& options, const MarkerOptions& markers, CameraModel* camera,
+                LensKnowledge* knowledge)
+      : options_(options),
+        markers_(markers),
+        camera_(camera),
+        knowledge_(knowledge),
+        next_keyframes_(options.first_keyframes) {}
+
+  // A slice of what is under way: an estimate, begun when the map has grown enough since the last
+  // one; or, where that was believed and was of a part of the map, an optimization of all of it.
+  void work(double cost, const RollingShutterEstimator& shutter, const Map& map,
+            const BundleOptions& optimization);
+  // Puts what is done into the map. A lens that is believed is in use from here on, and all
+  // keyframes' corners follow. What that did to the newest keyframe taken part: T_new_old; empty
+  // when nothing has changed.
+  std::optional<Transform> collect(const RollingShutterEstimator& shutter,
+                                   const BundleOptions& optimization, Map* map);
+  [[nodiscard]] bool isDone() const {
+    return (estimate_ && estimate_->done()) || (whole_ && whole_->done());
+  }
+  // Nothing is under way or due.
+  [[nodiscard]] bool idle(const Map& map) const { return !estimate_ && !whole_ && !isDue(map); }
+  // At once, from all of the map, whatever it costs. Whether another lens is in use now.
+  bool estimateNow(const RollingShutterEstimator& shutter, const BundleOptions& optimization,
+                   Map* map);
+
+ private:
+  [[nodiscard]] bool isDue(const Map& map) const;
+  [[nodiscard]] LensProblem problemOf(const RollingShutterEstimator& shutter) const;
+  [[nodiscard]] bool believes(const LensEstimate& estimate, const Map& map) const;
+  std::optional<Transform> adopt(const LensEstimate& estimate, double readout_s, Map* map);
+
+  LensOptions options_;
+  MarkerOptions markers_;
+  CameraModel* camera_;
+  LensKnowledge* knowledge_;
+  int next_keyframes_;  // it is estimated again when the map has so many
+  std::optional<SlicedTask<std::optional<LensEstimate>>> estimate_;
+  std::optional<SlicedTask<MapCorrection>> whole_;
+};
+
+}  // namespace waymark::slam

@@ -1,0 +1,150 @@
+#include "slam/camera/lens_estimator.h"
+
+#include <cmath>
+#include <random>
+#include <vector>
+
+#include <gtest/gtest.h>
+
+#include "slam/testing/lens_scene.h"
+
+namespace waymark::slam {
+namespace {
+
+const BundleOptions kBundle{.max_iterations = 30, .min_relative_decrease = 1e-8};
+constexpr double kSigma_px = 0.05;
+
+CameraModel shifted(const CameraModel& truth, double focal_share, double k1, double centre_px) {
+  IntrinsicVector v = truth.intrinsics();
+  v.head<2>() *= 1.0 + focal_share;
+  v[2] += centre_px;
+  v[4] += k1;
+  return CameraModel(truth.withIntrinsics(v));
+}
+
+class LensEstimatorTest : public ::testing::Test {
+ protected:
+  // The map as that lens has it.
+  void see(const CameraModel& lens) {
+    camera_ = lens;
+    knowledge_ = {.given = lens};
+    map_ = testing::lensScene(truth_, kSigma_px, &rng_);
+    undistortAgain(camera_, 0.0, &map_);
+  }
+  [[nodiscard]] LensEstimator estimator(const LensOptions& options = {}) {
+    return {options, markers_, &camera_, &knowledge_};
+  }
+  int workUntilDone(double slice, LensEstimator* estimator) {
+    int slices = 0;
+    while (!estimator->isDone() && slices < 1'000'000) {
+      estimator->work(slice, shutter_, map_, kBundle);
+      ++slices;
+    }
+    return slices;
+  }
+  [[nodiscard]] double focalError() const {
+    return camera_.calibration().fx / truth_.calibration().fx - 1.0;
+  }
+
+  std::mt19937 rng_{5};
+  CameraModel truth_{testing::testCalibration()};
+  CameraModel camera_ = truth_;
+  LensKnowledge knowledge_{.given = truth_};
+  MarkerOptions markers_{.size_m = testing::kLensSceneSize};
+  RollingShutterEstimator shutter_{{.readout_s = 0.0}, markers_};
+  Map map_;
+};
+
+TEST_F(LensEstimatorTest, LearnsAWrongLensOverSlices) {
+  see(shifted(truth_, -0.02, -0.05, 8.0));
+  LensEstimator estimator = this->estimator();
+  EXPECT_FALSE(estimator.idle(map_)) << "it is due";
+  EXPECT_GT(workUntilDone(50.0, &estimator), 20);
+  EXPECT_GT(std::abs(focalError()), 0.019) << "not before it is collected";
+  const std::uint64_t epoch = map_.epoch();
+  ASSERT_TRUE(estimator.collect(shutter_, kBundle, &map_));
+  EXPECT_LT(std::abs(focalError()), 1e-3);
+  EXPECT_EQ(knowledge_.state, LensState::kLearned);
+  EXPECT_EQ(knowledge_.changes, 1);
+  EXPECT_GT(knowledge_.rms_before_px, 10.0 * knowledge_.rms_after_px);
+  EXPECT_NEAR(knowledge_.rms_after_px, std::sqrt(2.0) * kSigma_px, 0.02);
+  EXPECT_GT(map_.epoch(), epoch) << "what is under way elsewhere is of no use any more";
+  const MarkerDetection& detection = map_.keyframes().at(3).detections.front();
+  EXPECT_LT((camera_.distort(detection.normalized[0]) - detection.pixels[0]).norm(), 1e-6)
+      << "the corners are undistorted by the new lens";
+  EXPECT_TRUE(estimator.idle(map_)) << "until the map has grown";
+}
+
+TEST_F(LensEstimatorTest, ARightLensStaysAsItWasGiven) {
+  for (int seed = 0; seed < 20; ++seed) {
+    rng_.seed(static_cast<unsigned>(seed));
+    see(truth_);
+    LensEstimator estimator = this->estimator();
+    (void)workUntilDone(kUnlimited, &estimator);
+    EXPECT_FALSE(estimator.collect(shutter_, kBundle, &map_)) << seed;
+    EXPECT_EQ(camera_.calibration(), truth_.calibration());
+    EXPECT_EQ(knowledge_.state, LensState::kGiven);
+  }
+}
+
+TEST_F(LensEstimatorTest, IsOffWhereTheCalibrationIsExact) {
+  see(shifted(truth_, -0.02, -0.05, 8.0));
+  LensOptions options;
+  options.learn = false;
+  LensEstimator estimator = this->estimator(options);
+  EXPECT_TRUE(estimator.idle(map_));
+  EXPECT_FALSE(estimator.estimateNow(shutter_, kBundle, &map_));
+}
+
+// Over many lenses drawn as the prior has it, the error is what the covariance says.
+TEST_F(LensEstimatorTest, IsAsWrongAsItSays) {
+  constexpr int kRuns = 60;
+  const LensOptions options;
+  double nees = 0.0;
+  for (int seed = 0; seed < kRuns; ++seed) {
+    rng_.seed(static_cast<unsigned>(seed));
+    LensPrior nearer = options.prior;
+    nearer.radial = 0.04;  // more may have no inverse
+    nearer.higher_radial = 0.02;
+    see(testing::drawnLens(truth_, nearer, &rng_));
+    const auto found = runToCompletion([&](Budget* budget) {
+      return estimateLens(map_, markers_, {camera_, camera_, nearer, 0.0, true, 1000}, kBundle,
+                          budget);
+    });
+    ASSERT_TRUE(found) << seed;
+    nees += lensChange(*found, truth_);
+  }
+  // Chi-square of 9 degrees of freedom, the mean of 60: within 3 of its standard deviations.
+  const double sigma = std::sqrt(2.0 * 9.0 / kRuns);
+  EXPECT_NEAR(nees / kRuns, 9.0, 3.0 * sigma);
+}
+
+// Markers on one plane, all seen frontally from one distance: nothing tells the focal length.
+TEST_F(LensEstimatorTest, WhatTheSceneDoesNotTellStaysAsGiven) {
+  std::vector<testing::SyntheticMarker> markers;
+  for (int i = 0; i < 15; ++i) {
+    const Eigen::Vector3d centre(0.4 * (i % 5) - 0.8, 3.0, 0.4 * (i / 5) - 0.4);
+    markers.push_back({i, testing::markerFacing(centre, centre - Eigen::Vector3d::UnitY())});
+  }
+  std::vector<Transform> views;
+  for (int i = 0; i < 8; ++i) {
+    const Eigen::Vector3d eye(0.1 * (i - 4), 1.0, 0.05 * (i % 3));
+    views.push_back(testing::lookAt(eye, eye + Eigen::Vector3d::UnitY()));
+  }
+  camera_ = shifted(truth_, 0.02, 0.0, 0.0);
+  knowledge_ = {.given = camera_};
+  map_ = testing::trueMap(truth_, views, markers, testing::kLensSceneSize, kSigma_px, &rng_);
+  undistortAgain(camera_, 0.0, &map_);
+  const LensOptions options;
+  const auto found = runToCompletion([&](Budget* budget) {
+    return estimateLens(map_, markers_, {camera_, camera_, options.prior, 0.0, true, 1000}, kBundle,
+                        budget);
+  });
+  ASSERT_TRUE(found);
+  const double sigma_px = std::sqrt(found->covariance(0, 0));
+  EXPECT_GT(sigma_px, 0.01 * truth_.calibration().fx);
+  EXPECT_LT(std::abs(found->camera.calibration().fx - truth_.calibration().fx), 3.0 * sigma_px);
+}
+
+}  // namespace
+}  // namespace waymark::slam

@@ -1,0 +1,50 @@
+#include "slam/camera/lens_knowledge.h"
+
+#include "slam/option_checks.h"
+
+namespace waymark::slam {
+
+IntrinsicVector LensPrior::sigmas(const CameraModel& expected) const {
+  const Calibration& c = expected.calibration();
+  const double centre_px = centre_share * c.width;
+  IntrinsicVector sigmas;
+  sigmas << focal_share * c.fx, focal_share * c.fy, centre_px, centre_px, radial, higher_radial,
+      tangential, tangential, higher_radial;
+  if (c.model == DistortionModel::kEquidistant) {
+    sigmas.tail<5>() << radial, higher_radial, higher_radial, higher_radial, 0.0;
+  }
+  return sigmas;
+}
+
+std::string LensPrior::invalidReason() const {
+  return firstUnmet({
+      {isNotNegative(focal_share) && isNotNegative(aspect_share) && isNotNegative(centre_share) &&
+           isNotNegative(radial) && isNotNegative(higher_radial) && isNotNegative(tangential),
+       "the sigmas of a lens must not be negative"},
+  });
+}
+
+const char* stateName(LensState state) {
+  switch (state) {
+    case LensState::kGiven:
+      return "given";
+    case LensState::kLearning:
+      return "learning";
+    case LensState::kLearned:
+      return "learned";
+  }
+  return "";
+}
+
+bool coversImage(const CameraModel& camera) {
+  const double right = camera.width() - 1.0;
+  const double bottom = camera.height() - 1.0;
+  for (const Eigen::Vector2d& corner :
+       {Eigen::Vector2d(0.0, 0.0), Eigen::Vector2d(right, 0.0), Eigen::Vector2d(0.0, bottom),
+        Eigen::Vector2d(right, bottom)}) {
+    if (!camera.undistort(corner)) return false;
+  }
+  return true;
+}
+
+}  // namespace waymark::slam

@@ -1,0 +1,67 @@
+// What is known of the lens: how well it is expected to be known beforehand, and what the map has
+// taught of it since. One for all pieces of the map: they are seen through the same lens.
+#pragma once
+
+#include <cmath>
+#include <cstdint>
+#include <string>
+
+#include "slam/geometry/camera_model.h"
+
+namespace waymark::slam {
+
+using IntrinsicMatrix = Eigen::Matrix<double, 9, 9>;
+
+// How well a calibration is known before the map has anything to say of it: standard deviations.
+struct LensPrior {
+  // Of the focal length, as a share of it. An autofocus, or another copy of the same camera, is some
+  // percent off; larger lets a lens that is nearly known wander where the markers say little.
+  double focal_share = 0.05;
+  // Of the ratio of fx and fy: pixels are squares.
+  double aspect_share = 0.001;
+  // Of the centre, as a share of the image's width. Lenses sit some 1 to 2 % off.
+  double centre_share = 0.015;
+  // Of the first radial coefficient, and of each further one. Nothing limits the first one much; the
+  // others differ less from lens to lens, and where no marker has been they are all that keeps the
+  // lens from being bent at will.
+  double radial = 0.15;
+  double higher_radial = 0.06;
+  // Of the tangential ones: lenses are mounted straight.
+  double tangential = 0.002;
+
+  // In the order of IntrinsicVector.
+  [[nodiscard]] IntrinsicVector sigmas(const CameraModel& expected) const;
+  // Empty when usable, else what is wrong.
+  [[nodiscard]] std::string invalidReason() const;
+};
+
+enum class LensState : std::uint8_t {
+  kGiven,     // as it was given: nothing contradicts it, or nobody asks
+  kLearning,  // another one than was given, that is not known well yet
+  kLearned,
+};
+
+// "given", "learning", "learned".
+[[nodiscard]] const char* stateName(LensState state);
+
+// The lens in use itself is the CameraModel that all share.
+struct LensKnowledge {
+  LensState state = LensState::kGiven;
+  CameraModel given;
+  // Of the intrinsics in use; zero as long as they are believed as given.
+  IntrinsicMatrix covariance = IntrinsicMatrix::Zero();
+  // RMS of the whitened residuals' corners before and after the last change, pixels.
+  double rms_before_px = 0.0;
+  double rms_after_px = 0.0;
+  int changes = 0;  // of the lens in use so far
+
+  // Standard deviation of the focal length in use, as a share of it.
+  [[nodiscard]] double focalShare() const {
+    return std::sqrt(covariance(0, 0)) / given.calibration().fx;
+  }
+};
+
+// Whether a lens sees all of the image: it has an inverse up to the corners.
+[[nodiscard]] bool coversImage(const CameraModel& camera);
+
+}  // namespace waymark::slam

@@ -1,0 +1,40 @@
+// A map seen through a lens that is not the one it is taken for.
+#pragma once
+
+#include <random>
+#include <vector>
+
+#include "slam/camera/lens_knowledge.h"
+#include "slam/camera/undistort_map.h"
+#include "slam/testing/scene.h"
+
+namespace waymark::slam::testing {
+
+inline constexpr double kLensSceneSize = 0.15;
+
+// A walk along a wall of tilted markers, near enough that they come to the corners of the image.
+inline Map lensScene(const CameraModel& truth, double sigma_px, std::mt19937* rng) {
+  const std::vector<SyntheticMarker> markers = markerWall(3, 6, 0.5, rng);
+  std::uniform_real_distribution<double> u(-1.0, 1.0);
+  std::vector<Transform> views;
+  for (int i = 0; i < 14; ++i) {
+    const double x = 0.22 * (i - 7);
+    const Eigen::Vector3d eye(x, 1.2 + 0.4 * u(*rng), 0.3 * u(*rng));
+    views.push_back(lookAt(eye, {0.6 * x + 0.4 * u(*rng), 3.0, 0.3 * u(*rng)}));
+  }
+  return trueMap(truth, views, markers, kLensSceneSize, sigma_px, rng);
+}
+
+// Another lens of the same kind, as far off as the prior has it.
+inline CameraModel drawnLens(const CameraModel& truth, const LensPrior& prior, std::mt19937* rng) {
+  std::normal_distribution<double> normal;
+  IntrinsicVector v = truth.intrinsics();
+  const IntrinsicVector sigmas = prior.sigmas(truth);
+  const double focal = prior.focal_share * normal(*rng);
+  v[0] *= 1.0 + focal;
+  v[1] *= 1.0 + focal + prior.aspect_share * normal(*rng);
+  for (Eigen::Index i = 2; i < v.size(); ++i) v[i] += sigmas[i] * normal(*rng);
+  return CameraModel(truth.withIntrinsics(v));
+}
+
+}  // namespace waymark::slam::testing
