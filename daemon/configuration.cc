@@ -180,9 +180,7 @@ bool simulated(const Configuration& c) { return c.camera.source.starts_with("sim
 
 }  // namespace
 
-bool lensIsUnknown(const Configuration& c) {
-  return !simulated(c) && c.camera.calibration.empty();
-}
+bool lensIsUnknown(const Configuration& c) { return !simulated(c) && c.camera.calibration.empty(); }
 
 namespace {
 
@@ -192,7 +190,8 @@ Status checkTogether(const Configuration& c, const fs::path& file) {
     return Error{file.string() + ": camera.calibration: missing, and camera.learn is off"};
   }
   if (lensIsUnknown(c) && capture::isCamera(c.camera.source) && c.camera.device.width == 0) {
-    return Error{file.string() + ": camera: width and height are missing, which no calibration says"};
+    return Error{file.string() +
+                 ": camera: width and height are missing, which no calibration says"};
   }
   if (simulated(c) && !c.camera.calibration.empty()) {
     return Error{file.string() + ": camera.calibration: simulated cameras bring their own"};

@@ -189,6 +189,19 @@ TEST(LcmTypes, HealthRoundTrip) {
   a.temperatures.resize(1);
   a.temperatures[0].name = "cpu";
   a.temperatures[0].celsius = 41.5;
+  a.lens.state = lens_t::STATE_LEARNED;
+  a.lens.model = lens_t::MODEL_EQUIDISTANT;
+  a.lens.width = 640;
+  a.lens.height = 480;
+  a.lens.fx = 502.5;
+  a.lens.fy = 502.6;
+  a.lens.cx = 320.1;
+  a.lens.cy = 240.2;
+  fill(a.lens.distortion, -0.3);
+  a.lens.focal_sigma = 0.0004;
+  a.lens.rms_before_px = 1.6;
+  a.lens.rms_after_px = 0.06;
+  a.lens.changes = 3;
 
   const health_t b = throughTheWire(a);
   EXPECT_EQ(a.utime, b.utime);
@@ -207,6 +220,19 @@ TEST(LcmTypes, HealthRoundTrip) {
   EXPECT_EQ(a.latency_max_ns, b.latency_max_ns);
   EXPECT_EQ(a.processing_median_ns, b.processing_median_ns);
   EXPECT_EQ(a.processing_max_ns, b.processing_max_ns);
+  EXPECT_EQ(a.lens.state, b.lens.state);
+  EXPECT_EQ(a.lens.model, b.lens.model);
+  EXPECT_EQ(a.lens.width, b.lens.width);
+  EXPECT_EQ(a.lens.height, b.lens.height);
+  EXPECT_EQ(a.lens.fx, b.lens.fx);
+  EXPECT_EQ(a.lens.fy, b.lens.fy);
+  EXPECT_EQ(a.lens.cx, b.lens.cx);
+  EXPECT_EQ(a.lens.cy, b.lens.cy);
+  expectSame(a.lens.distortion, b.lens.distortion);
+  EXPECT_EQ(a.lens.focal_sigma, b.lens.focal_sigma);
+  EXPECT_EQ(a.lens.rms_before_px, b.lens.rms_before_px);
+  EXPECT_EQ(a.lens.rms_after_px, b.lens.rms_after_px);
+  EXPECT_EQ(a.lens.changes, b.lens.changes);
   ASSERT_EQ(b.counters.size(), 2u);
   for (std::size_t i = 0; i < 2; ++i) {
     EXPECT_EQ(a.counters[i].name, b.counters[i].name);

@@ -39,6 +39,12 @@ std::string invalidCamera(const Options& o) {
   if (!within(o.noise_sigma, 0.0, 100.0)) return "noise sigma must be 0 to 100 grey levels";
   if (!within(o.vignetting, 0.0, 1.0)) return "vignetting must be 0 to 1";
   if (!within(o.exposure_s, 0.0, 1.0)) return "exposure must be 0 to 1 second";
+  if (o.fisheye_deg && !within(*o.fisheye_deg, 20.0, 170.0)) {
+    return "a fisheye's field of view must be 20 to 170 degrees";
+  }
+  if (o.refocus && !(std::isfinite(o.refocus->at_s) && within(o.refocus->factor, 0.5, 2.0))) {
+    return "a change of focus needs a finite time, and a factor of 0.5 to 2";
+  }
   if (!within(o.readout_s, 0.0, 1.0)) return "readout time must be 0 to 1 second";
   if (o.exposure_samples < 1 || o.exposure_samples > kMaxExposureSamples) {
     return "exposure samples must be 1 to 256";

@@ -33,6 +33,12 @@ struct MovedMarker {
   Eigen::Vector3d offset_m = Eigen::Vector3d::Zero();
 };
 
+// From at_s on, the lens has `factor` times the focal length: an autofocus that has breathed.
+struct Refocus {
+  double at_s = 0.0;
+  double factor = 1.0;
+};
+
 struct ImageSize {
   int width = 0;   // pixels
   int height = 0;  // pixels
@@ -61,6 +67,10 @@ struct Options {
   // Photographs (jpg, png) for what hangs in the scene, some of them by the seed; empty: posters
   // are made up.
   std::filesystem::path pictures;
+
+  // A fisheye (equidistant) of this field of view across the image's width; empty: the scene's lens.
+  std::optional<double> fisheye_deg;
+  std::optional<Refocus> refocus;
 
   std::vector<Interval> blackouts;  // frames without light
   std::vector<Dimming> dimmings;

@@ -156,6 +156,14 @@ slam::Calibration lens(const ImageSize& size, bool wide) {
   return c;
 }
 
+// Angles are as far from the middle as they are wide, but for a little.
+slam::Calibration fisheye(slam::Calibration c, double degrees) {
+  c.model = slam::DistortionModel::kEquidistant;
+  c.fx = c.fy = c.width * 180.0 / (degrees * std::numbers::pi);
+  c.distortion = {-0.01, 0.002, 0.0, 0.0};
+  return c;
+}
+
 std::string joinedSceneNames() {
   std::string names;
   for (const SceneKind& kind : kinds()) names += (names.empty() ? "" : ", ") + kind.info.name;
@@ -233,6 +241,7 @@ Result<Scene> buildScene(const Options& options, Ending ending) {
               .markers = {},
               .prints = {},
               .trajectory = {}};
+  if (options.fisheye_deg) scene.camera = fisheye(scene.camera, *options.fisheye_deg);
   Result<Album> album = Album::open(options.pictures, options.seed, kind->pictures);
   if (!album) return album.error();
   kind->build({.scene = &scene,

@@ -35,14 +35,25 @@ Result<std::unique_ptr<const Simulation>> Simulation::create(const Options& opti
   const int margin = Sensor::blurRadius(options) + 1 + smearRadius(scene->largest_smear_px);
   Result<Renderer> renderer = Renderer::create(*scene, options.seed, margin);
   if (!renderer) return renderer.error();
+  std::optional<Renderer> refocused;
+  if (options.refocus) {
+    Scene there = *scene;
+    there.camera.fx *= options.refocus->factor;
+    there.camera.fy *= options.refocus->factor;
+    Result<Renderer> other = Renderer::create(there, options.seed, margin);
+    if (!other) return other.error();
+    refocused = std::move(*other);
+  }
   return std::unique_ptr<const Simulation>(
-      new Simulation(options, std::move(*scene), std::move(*renderer)));
+      new Simulation(options, std::move(*scene), std::move(*renderer), std::move(refocused)));
 }
 
-Simulation::Simulation(const Options& options, Scene scene, Renderer renderer)
+Simulation::Simulation(const Options& options, Scene scene, Renderer renderer,
+                       std::optional<Renderer> refocused)
     : options_(options),
       scene_(std::move(scene)),
       renderer_(std::move(renderer)),
+      refocused_(std::move(refocused)),
       sensor_(options, {scene_.camera.width, scene_.camera.height}),
       frame_count_(std::max<std::int64_t>(1, std::llround(scene_.duration_s * scene_.rate_hz))) {}
 
@@ -116,7 +127,9 @@ void Simulation::render(std::int64_t frame, Workspace* workspace, std::uint8_t* 
   Radiance& light = workspace->renderer.radiance;
   for (int i = 0; i < samples; ++i) {
     const double part = (i + 0.5) / samples - 0.5;
-    renderer_.render(rowPoses(time + part * options_.exposure_s), markers, &workspace->renderer);
+    const Renderer& renderer =
+        refocused_ && time >= options_.refocus->at_s ? *refocused_ : renderer_;
+    renderer.render(rowPoses(time + part * options_.exposure_s), markers, &workspace->renderer);
     if (samples == 1) break;
     if (i == 0) {
       workspace->sum = light;

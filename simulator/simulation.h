@@ -60,7 +60,8 @@ class Simulation {
   void render(std::int64_t frame, Workspace* workspace, std::uint8_t* pixels) const;
 
  private:
-  Simulation(const Options& options, Scene scene, Renderer renderer);
+  Simulation(const Options& options, Scene scene, Renderer renderer,
+             std::optional<Renderer> refocused);
 
   [[nodiscard]] RowPoses rowPoses(double mid_time_s) const;
   [[nodiscard]] Disturbance disturbanceAt(double time_s) const;
@@ -70,6 +71,7 @@ class Simulation {
   Options options_;
   Scene scene_;
   Renderer renderer_;
+  std::optional<Renderer> refocused_;  // through the lens as it is later
   Sensor sensor_;
   std::int64_t frame_count_;
 };

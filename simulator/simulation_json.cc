@@ -52,6 +52,8 @@ std::string optionsText(const Simulation& simulation) {
     json["events"].push_back(
         {{"what", event.what}, {"begin_s", event.when.begin_s}, {"end_s", event.when.end_s}});
   }
+  if (o.fisheye_deg) json["fisheye_deg"] = *o.fisheye_deg;
+  if (o.refocus) json["refocus"] = {{"at_s", o.refocus->at_s}, {"factor", o.refocus->factor}};
   if (o.doubled_id) json["doubled_id"] = *o.doubled_id;
   return json.dump(1) + "\n";
 }

@@ -11,15 +11,18 @@
 namespace waymark::slam {
 namespace {
 
-void undistortAgain(const CameraModel& camera, std::span<LiveFrame> frames) {
-  for (LiveFrame& frame : frames) undistortAgain(camera, &frame.detections);
+void undistortAgain(const Slam& slam, std::span<LiveFrame> frames) {
+  for (LiveFrame& frame : frames) {
+    undistortAgain(slam.lens().at(frame.monotonic_ns, slam.camera()), &frame.detections);
+  }
 }
 
 void optimize(std::span<LiveFrame> frames, bool refine_intrinsics, Slam* slam) {
-  const bool lens_learned = slam->lens().state != LensState::kGiven;
+  const LensKnowledge& lens = slam->lens();
+  const bool lens_learned = lens.state != LensState::kGiven && !lens.changedUnderWay();
   if (refine_intrinsics || lens_learned) {
     slam->optimizeGloballyWithIntrinsics();
-    undistortAgain(slam->camera(), frames);
+    undistortAgain(*slam, frames);
   } else {
     slam->optimizeGlobally();
   }
@@ -61,7 +64,7 @@ void makeFinalMap(std::span<LiveFrame> frames, const FinalMapOptions& options, S
   if (options.unordered_images) tryAgain(frames, slam);
   slam->finish();
   if (!options.optimize) return;
-  if (slam->lens().changes > 0) undistortAgain(slam->camera(), frames);
+  if (slam->lens().changes > 0) undistortAgain(*slam, frames);
   if (frames.empty()) {
     optimize(frames, options.refine_intrinsics, slam);
     return;
@@ -71,7 +74,7 @@ void makeFinalMap(std::span<LiveFrame> frames, const FinalMapOptions& options, S
     (void)slam->joinPieces();
     const int lens_changes = slam->lens().changes;
     slam->estimateLens();
-    if (slam->lens().changes != lens_changes) undistortAgain(slam->camera(), frames);
+    if (slam->lens().changes != lens_changes) undistortAgain(*slam, frames);
     optimize(frames, options.refine_intrinsics, slam);
   }
   // What a frame shows may be known by now, and connect others.

@@ -7,6 +7,7 @@
 #include "slam/batch_mapper.h"
 #include "slam/camera/lens_estimator.h"
 #include "slam/camera/lens_share.h"
+#include "slam/camera/lens_watch.h"
 #include "slam/camera/rolling_shutter_estimator.h"
 #include "slam/camera/undistort_map.h"
 #include "slam/covariance/map_covariance.h"
@@ -40,6 +41,7 @@ class Piece::Impl {
         rolling_shutter_(asLearned(options_.shutter, parts.readout_s), options_.markers),
         lens_known_(*parts.lens),
         lens_(options_.lens, options_.markers, parts.camera, parts.lens),
+        lens_watch_(options_.lens, options_.markers, options_.mapping, parts.camera, parts.lens),
         tracker_(camera_, options_.tracking, rolling_shutter_),
         updater_(
             {options_.markers, options_.mapper, options_.loops, options_.tracking.relocalization},
@@ -52,8 +54,7 @@ class Piece::Impl {
         world_(options_.markers),
         start_({options_, camera_, tracker_.tracker(), &updater_, &covariance_, &map_}),
         batch_({options_, screening_, rolling_shutter_, tracker_.tracker(), parts.camera,
-                *parts.lens, &updater_,
-                &covariance_, &map_}) {}
+                *parts.lens, &updater_, &covariance_, &map_}) {}
 
   // The stages of seed 1, Fig. 4, in its order.
   FrameResult process(const FrameInput& frame, std::span<const MarkerDetection> detections,
@@ -65,6 +66,12 @@ class Piece::Impl {
     if (updater_.hasFinishedWork()) {
       const StageScope scope(observer, Stage::kMap);
       if (collectWork(&result).lens_changed) detections = undistorted(detections);
+    }
+    if (lens_watch_.collect(rolling_shutter_)) {
+      if (options_.mapping) undistortAgain();
+      noteLens();
+      screening_.forgetDisagreements();
+      detections = undistorted(detections);
     }
     result.detections = detections;
     const auto prediction = tracker_.predict(frame.time.monotonic_ns);  // in the newest coordinates
@@ -84,6 +91,7 @@ class Piece::Impl {
         updater_.work(options_.work_per_frame, map_);
       }
       followMap(observer, &result);
+      if (tracked && turn == Turn::kOwn) watchLens(*tracked, observer);
     }
     if (result.pose) result.pose->piece = map_.piece;
     if (turn == Turn::kOwn) {
@@ -128,15 +136,14 @@ class Piece::Impl {
   }
 
   void undistortAgain() {
-    slam::undistortAgain(camera_, rolling_shutter_.seconds(), &map_);
+    slam::undistortAgain(camera_, rolling_shutter_.seconds(), &map_, lens_known_.since_ns);
     noteLens();
   }
 
   bool estimateLens() {
     if (!options_.mapping) return false;
     (void)batch();
-    const bool changed =
-        lens_.estimateNow(rolling_shutter_, options_.global_optimization, &map_);
+    const bool changed = lens_.estimateNow(rolling_shutter_, options_.global_optimization, &map_);
     if (changed) noteLens();
     return changed;
   }
@@ -186,6 +193,7 @@ class Piece::Impl {
     tracker_.forgetNoise();
     features_.forget();
     covariance_.noteChange();
+    if (options_.mapping) lens_watch_.forget();
   }
 
   // Section 4.1.
@@ -227,6 +235,12 @@ class Piece::Impl {
     result->state = TrackingState::kTracking;
     tracker_.commit(pose, frame.time.monotonic_ns);
     return tracked;
+  }
+
+  void watchLens(const TrackedFrame& frame, StageObserver* observer) {
+    const StageScope scope(observer, Stage::kMap);
+    lens_watch_.look(frame.time, frame.solution.T_w_c, frame.twist, frame.eligible);
+    lens_watch_.work(options_.work_per_frame, rolling_shutter_, options_.loops.optimization);
   }
 
   // What is not known of a lens that was learned.
@@ -333,6 +347,7 @@ class Piece::Impl {
   RollingShutterEstimator rolling_shutter_;
   const LensKnowledge& lens_known_;
   LensEstimator lens_;
+  LensWatch lens_watch_;
   LocalMarkers local_;
   FrameTracker tracker_;
   MapUpdater updater_;

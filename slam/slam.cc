@@ -63,9 +63,7 @@ class Slam::Impl {
     if (!found) return false;
     lens_start_.reset();
     camera_ = lens_.given = found->camera;
-    lens_.state = LensState::kLearning;
-    lens_.covariance = found->covariance;
-    ++lens_.changes;
+    lens_.adopt(found->camera, found->covariance, 0.0, 0.0, 0.0);
     std::vector<Map> maps;
     for (const Map* map : pieces().maps()) maps.push_back(*map);
     Map first = std::move(maps.front());
@@ -91,7 +89,7 @@ class Slam::Impl {
   Counters counters_;
   FrameDetector detector_;
   std::optional<PieceSet> pieces_;  // always there
-  int undistorted_with_ = 0;                  // the changes of the lens that the frame's corners know
+  int undistorted_with_ = 0;        // the changes of the lens that the frame's corners know
   std::vector<MarkerDetection> undistorted_;  // reused from frame to frame
 };
 

@@ -8,6 +8,7 @@
 
 #include <CLI/CLI.hpp>
 
+#include "io/calibrations/calibration_file.h"
 #include "io/text/json_node.h"
 #include "io/text/number_text.h"
 #include "tools/control_client.h"
@@ -22,6 +23,7 @@ struct CtlOptions {
   std::string socket = "/run/waymark/control.sock";
   double timeout_s = 60.0;  // a large map takes its time
   std::string file;
+  bool force = false;  // in the place of one that is there
   std::string action;
   std::string level;
 };
@@ -43,6 +45,43 @@ void print(const Json& request, Json reply) {
   } else if (reply.contains("result")) {
     std::printf("%s\n", reply["result"].get<std::string>().c_str());
   }
+}
+
+// As the daemon's status has it.
+slam::Calibration calibrationOf(const Json& lens) {
+  slam::Calibration c;
+  c.width = lens.at("width");
+  c.height = lens.at("height");
+  c.fx = lens.at("fx");
+  c.fy = lens.at("fy");
+  c.cx = lens.at("cx");
+  c.cy = lens.at("cy");
+  c.distortion = lens.at("distortion");
+  if (lens.at("model") == "equidistant") c.model = slam::DistortionModel::kEquidistant;
+  return c;
+}
+
+// The daemon may write to its own directories only; the file is whoever asks's.
+ExitCode saveCalibration(const CtlOptions& options) {
+  const auto failed = [](const std::string& why, ExitCode code) {
+    std::fprintf(stderr, "waymark ctl: %s\n", why.c_str());
+    return code;
+  };
+  std::error_code error;
+  if (std::filesystem::exists(options.file, error) && !options.force) {
+    return failed(options.file + ": is there already; --force takes its place", kBadInput);
+  }
+  const auto timeout = std::chrono::milliseconds(static_cast<int>(1000.0 * options.timeout_s));
+  const Result<Json> reply = askDaemon(options.socket, {{"command", "status"}}, timeout);
+  if (!reply) return failed(reply.error().message, kBadInput);
+  const Json& lens = reply->at("lens");
+  const slam::Calibration calibration = calibrationOf(lens);
+  if (!calibration.invalidReason().empty()) return failed("no frame has come yet", kRejected);
+  const Status written = io::writeCalibration(options.file, calibration);
+  if (!written) return failed(written.error().message, kBadInput);
+  std::printf("%s: the lens as %s, focal length %.2f px\n", options.file.c_str(),
+              lens.at("state").get<std::string>().c_str(), calibration.fx);
+  return kDone;
 }
 
 ExitCode ask(const CtlOptions& options, const Json& request) {
@@ -91,6 +130,13 @@ void addCtlCommand(CLI::App& app, int* exit_code) {
       (*request)["file"] = std::filesystem::absolute(options->file).string();
     }
   })->add_option("FILE", options->file, "Map; left out: the one that the daemon starts with");
+  CLI::App* save_calibration = ctl->add_subcommand(
+      "save-calibration", "Write the lens in use, as given or learned, into a calibration file");
+  save_calibration->fallthrough();
+  save_calibration->add_option("FILE", options->file, "Where to: calib.yml, of OpenCV's form")
+      ->required();
+  save_calibration->add_flag("--force", options->force, "Also in the place of a file");
+  save_calibration->callback([options, exit_code] { *exit_code = saveCalibration(*options); });
   add("reset", "Forget the map and begin a new one", none);
   add("record", "Start or stop the recording",
       [options](Json* request) { (*request)["action"] = options->action; })

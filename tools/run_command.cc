@@ -412,6 +412,19 @@ void printSummary(const RunRecord& record, const slam::Slam& slam, const StageTi
       timer.totalWall_ms() / std::max<double>(1.0, static_cast<double>(record.frames())));
 }
 
+// A calibration that the markers contradict.
+void tellOfLens(const RunArguments& arguments, const slam::Slam& slam) {
+  const slam::LensKnowledge& lens = slam.lens();
+  if (arguments.calibration.empty() || lens.state == slam::LensState::kGiven) return;
+  std::fprintf(stderr,
+               "waymark: %s does not fit these images: RMS %.2f px, %.2f with what was learned, "
+               "focal length %.1f instead of %.1f\n",
+               arguments.calibration.c_str(), lens.rms_given_px, lens.rms_after_px,
+               slam.camera().calibration().fx, lens.given.calibration().fx);
+  if (!lens.changedUnderWay()) return;
+  std::fprintf(stderr, "waymark: the lens changed under way, %zu times\n", lens.earlier.size());
+}
+
 Result<ExitCode> run(const RunArguments& arguments) {
   // The SLAM is one thread; OpenCV's pool would blur its timing and gain nothing.
   cv::setNumThreads(1);
@@ -447,6 +460,7 @@ Result<ExitCode> run(const RunArguments& arguments) {
                       .optimize = !arguments.no_global,
                       .refine_intrinsics = arguments.refine_intrinsics},
                      &slam);
+  tellOfLens(arguments, slam);
   if (const std::string reason = otherWorldReason(setup.options, slam.pieces()); !reason.empty()) {
     std::fprintf(stderr, "waymark: warning: %s\n", reason.c_str());
   }

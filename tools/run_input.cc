@@ -111,11 +111,14 @@ slam::Calibration guessed(int width, int height, const RunInputOptions& options)
 // Nobody says how large the images were that corners were found in.
 Result<slam::Calibration> guessedFor(const io::ImageExtent& corners,
                                      const RunInputOptions& options) {
-  constexpr std::array<std::pair<int, int>, 14> kUsual = {{{320, 240},
+  // Of more and more pixels.
+  constexpr std::array<std::pair<int, int>, 18> kUsual = {{{320, 240},
                                                            {640, 480},
                                                            {752, 480},
                                                            {800, 600},
+                                                           {848, 480},
                                                            {1280, 720},
+                                                           {1024, 1024},
                                                            {1280, 960},
                                                            {1280, 1024},
                                                            {1440, 1080},
@@ -123,14 +126,17 @@ Result<slam::Calibration> guessedFor(const io::ImageExtent& corners,
                                                            {1920, 1080},
                                                            {1920, 1200},
                                                            {2048, 1536},
+                                                           {2048, 2048},
+                                                           {2448, 2048},
                                                            {2592, 1944},
                                                            {3840, 2160}}};
   const auto size = std::ranges::find_if(kUsual, [&](const auto& usual) {
     return corners.right_px < usual.first && corners.bottom_px < usual.second;
   });
   if (size == kUsual.end()) {
-    return Error{options.source + ": --calibration: needed, as the images' size is none of the "
-                                  "usual ones"};
+    return Error{options.source +
+                 ": --calibration: needed, as the images' size is none of the "
+                 "usual ones"};
   }
   return guessed(size->first, size->second, options);
 }

@@ -32,6 +32,7 @@ struct Arguments {
   std::vector<std::string> blackouts;
   std::vector<std::string> dimmings;
   std::string moved;
+  std::string refocus;
 };
 
 // "1:2.5:3" to its numbers; separators are ':', ',' and 'x'. Empty unless there are exactly
@@ -83,6 +84,11 @@ Status parseCompound(Arguments* a) {
     if (!v) return malformed("--dim", text, "BEGIN:END:FACTOR");
     a->options.dimmings.push_back({{(*v)[0], (*v)[1]}, (*v)[2]});
   }
+  if (!a->refocus.empty()) {
+    const auto v = numbers(a->refocus, 2);
+    if (!v) return malformed("--refocus", a->refocus, "TIME:FACTOR");
+    a->options.refocus = simulator::Refocus{(*v)[0], (*v)[1]};
+  }
   if (!a->moved.empty()) {
     const auto v = numbers(a->moved, 5);
     const auto id = v ? whole((*v)[0]) : std::nullopt;
@@ -130,6 +136,10 @@ void addOptions(CLI::App* command, Arguments* a) {
       ->capture_default_str();
   command->add_option("--exposure", o.exposure_s, "Exposure (motion blur), seconds")
       ->capture_default_str();
+  command->add_option("--fisheye", o.fisheye_deg,
+                      "An equidistant lens of so many degrees across, instead of the scene's");
+  command->add_option("--refocus", a->refocus,
+                      "From TIME seconds on FACTOR times the focal length, TIME:FACTOR");
   command->add_option("--readout", o.readout_s, "Rolling shutter, first to last row, seconds")
       ->capture_default_str();
   command->add_option("--pictures", o.pictures,

@@ -106,9 +106,8 @@ Result<CameraSetup> prepareSource(const Configuration& configuration, bool keep_
   if (!size) return size.error();
   if (lensIsUnknown(configuration)) {
     const slam::LensStartOptions& start = configuration.slam.options.lens.start;
-    calibration =
-        slam::guessedCamera(size->width, size->height, configuration.slam.fov_deg, start)
-            .calibration();
+    calibration = slam::guessedCamera(size->width, size->height, configuration.slam.fov_deg, start)
+                      .calibration();
   }
   const Result<slam::FittedCalibration> fitted =
       slam::fitCalibration(calibration, size->width, size->height, camera.calibration_fit);

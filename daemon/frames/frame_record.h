@@ -24,6 +24,16 @@ struct SeenMarker {
   std::array<Eigen::Vector2d, 4> pixels;  // as in slam::MarkerDetection
 };
 
+// The lens in use, after a frame.
+struct LensRecord {
+  slam::Calibration calibration;
+  slam::LensState state = slam::LensState::kGiven;
+  double focal_sigma = 0.0;  // as a share
+  double rms_before_px = 0.0;
+  double rms_after_px = 0.0;
+  int changes = 0;
+};
+
 struct FrameRecord {
   // As many as fit in one message of 60 kB with room to spare, and more than any picture shows.
   static constexpr int kMaxSeen = 256;
@@ -36,6 +46,7 @@ struct FrameRecord {
   // What of kFrameStages took longest, when processing took longer than the time between frames.
   std::optional<std::size_t> missed_deadline_in;
   slam::Counters counters;  // as they stood after this frame
+  LensRecord lens;
 
   // The search for natural markers, as it was this frame's input.
   bool searched = false;

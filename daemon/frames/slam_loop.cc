@@ -91,6 +91,7 @@ void SlamLoop::record(const capture::FrameStamp& stamp, const slam::FrameInput& 
   record_.missed_deadline_in.reset();
   if (tookTooLong(processing_ns)) record_.missed_deadline_in = clock_.longest();
   record_.counters = counters();
+  recordLens();
   record_.searched = input.awaited;
   record_.heard = std::min(input.late.size(), record_.late.size());
   std::copy_n(input.late.begin(), record_.heard, record_.late.begin());
@@ -100,6 +101,16 @@ void SlamLoop::record(const capture::FrameStamp& stamp, const slam::FrameInput& 
     const slam::MarkerDetection& detection = result.detections[i];
     record_.markers[i] = {detection.id, detection.hamming, detection.pixels};
   }
+}
+
+void SlamLoop::recordLens() {
+  const slam::LensKnowledge& known = slam_->lens();
+  record_.lens = {.calibration = slam_->camera().calibration(),
+                  .state = known.state,
+                  .focal_sigma = known.state == slam::LensState::kGiven ? 0.0 : known.focalShare(),
+                  .rms_before_px = known.rms_before_px,
+                  .rms_after_px = known.rms_after_px,
+                  .changes = known.changes};
 }
 
 bool SlamLoop::tookTooLong(std::int64_t processing_ns) const {

@@ -73,6 +73,7 @@ class SlamLoop {
   void process(const capture::Frame& frame);
   void record(const capture::FrameStamp& stamp, const slam::FrameInput& input,
               const slam::FrameResult& result, std::int64_t processing_ns);
+  void recordLens();
   void countMapChange();
   void reportMapSize(std::size_t markers, std::size_t natural_markers);
   [[nodiscard]] bool tookTooLong(std::int64_t processing_ns) const;

@@ -2,7 +2,9 @@
 
 #include <algorithm>
 #include <array>
+#include <cstdio>
 #include <string_view>
+#include <utility>
 
 #include "daemon/health/status_name.h"
 
@@ -27,6 +29,10 @@ HealthJournal::Changes HealthJournal::changes(const health_t& health) {
     reported_state_ = std::move(state);
     next_state_ns_ = health.monotonic_ns + options_.state_pause_ns;
   }
+  if (health.monotonic_ns >= next_lens_ns_) {
+    changes.lens = changedLens(health.lens);
+    if (!changes.lens.empty()) next_lens_ns_ = health.monotonic_ns + options_.state_pause_ns;
+  }
   if (health.monotonic_ns >= next_faults_ns_) {
     changes.faults = grownFaults(health);
     if (!changes.faults.empty()) next_faults_ns_ = health.monotonic_ns + options_.faults_pause_ns;
@@ -38,6 +44,17 @@ std::string HealthJournal::describeState(const health_t& health) {
   std::string text = statusName(health.status);
   if (!health.reason.empty()) text += ": " + health.reason;
   return text;
+}
+
+std::string HealthJournal::changedLens(const lens_t& lens) {
+  const double was_px = std::exchange(reported_focal_px_, lens.fx);
+  if (std::exchange(reported_lens_changes_, lens.changes) == lens.changes) return {};
+  std::array<char, 200> text{};
+  std::snprintf(text.data(), text.size(),
+                "the markers tell another lens: focal length %.2f px (%.2f before), known to "
+                "%.2g %%; corners fit to %.2f px (%.2f before)",
+                lens.fx, was_px, 100.0 * lens.focal_sigma, lens.rms_after_px, lens.rms_before_px);
+  return text.data();
 }
 
 std::string HealthJournal::grownFaults(const health_t& health) {

@@ -21,6 +21,7 @@ class HealthJournal {
 
   struct Changes {
     std::string state;   // empty: nothing new
+    std::string lens;    // another one is in use; empty: none is
     std::string faults;  // the counters that have grown, and by how much; empty: none has
   };
 
@@ -34,11 +35,15 @@ class HealthJournal {
   [[nodiscard]] static std::string describeState(const health_t& health);
 
  private:
+  [[nodiscard]] std::string changedLens(const lens_t& lens);
   [[nodiscard]] std::string grownFaults(const health_t& health);
 
   const Options options_;
   std::string reported_state_;
   std::int64_t next_state_ns_ = 0;
+  std::int32_t reported_lens_changes_ = 0;
+  double reported_focal_px_ = 0.0;
+  std::int64_t next_lens_ns_ = 0;
   std::int64_t next_faults_ns_ = 0;
   std::map<std::string, std::int64_t, std::less<>> reported_faults_;
 };

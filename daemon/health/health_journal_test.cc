@@ -61,5 +61,24 @@ TEST(HealthJournal, FaultsAreToldByHowMuchTheyHaveGrown) {
   EXPECT_EQ(journal.changes(health).faults, "");
 }
 
+TEST(HealthJournal, TellsOfAnotherLensOnce) {
+  HealthJournal journal;
+  health_t health{};
+  health.lens.fx = 492.2;
+  EXPECT_EQ(journal.changes(health).lens, "");
+  health.monotonic_ns += 5'000'000'000;
+  health.lens.fx = 502.4;
+  health.lens.changes = 1;
+  health.lens.focal_sigma = 0.0003;
+  health.lens.rms_before_px = 1.6;
+  health.lens.rms_after_px = 0.06;
+  const std::string told = journal.changes(health).lens;
+  for (const char* part : {"502.40 px", "492.20 before", "0.03 %", "0.06 px", "1.60 before"}) {
+    EXPECT_NE(told.find(part), std::string::npos) << part << ": " << told;
+  }
+  health.monotonic_ns += 5'000'000'000;
+  EXPECT_EQ(journal.changes(health).lens, "");
+}
+
 }  // namespace
 }  // namespace waymark::daemon

@@ -20,6 +20,37 @@ const char* cameraName(std::int8_t state) {
   }
 }
 
+const char* lensStateName(std::int8_t state) {
+  switch (state) {
+    case lens_t::STATE_GIVEN:
+      return "given";
+    case lens_t::STATE_LEARNING:
+      return "learning";
+    case lens_t::STATE_LEARNED:
+      return "learned";
+    default:
+      return "unknown";
+  }
+}
+
+io::Json lensJson(const lens_t& lens) {
+  io::Json json;
+  json["state"] = lensStateName(lens.state);
+  json["model"] = lens.model == lens_t::MODEL_EQUIDISTANT ? "equidistant" : "rational";
+  json["width"] = lens.width;
+  json["height"] = lens.height;
+  json["fx"] = lens.fx;
+  json["fy"] = lens.fy;
+  json["cx"] = lens.cx;
+  json["cy"] = lens.cy;
+  json["distortion"] = lens.distortion;
+  json["focal_sigma_percent"] = 100.0 * lens.focal_sigma;
+  json["rms_before_px"] = lens.rms_before_px;
+  json["rms_after_px"] = lens.rms_after_px;
+  json["changes"] = lens.changes;
+  return json;
+}
+
 }  // namespace
 
 io::Json healthJson(const health_t& health) {
@@ -45,6 +76,7 @@ io::Json healthJson(const health_t& health) {
   for (const temperature_t& temperature : health.temperatures) {
     celsius[temperature.name] = temperature.celsius;
   }
+  json["lens"] = lensJson(health.lens);
   return json;
 }
 

@@ -24,6 +24,10 @@ TEST(HealthJson, HoldsEveryField) {
   health.temperatures.resize(1);
   health.temperatures[0].name = "cpu";
   health.temperatures[0].celsius = 51.5;
+  health.lens.state = lens_t::STATE_LEARNED;
+  health.lens.fx = 502.5;
+  health.lens.distortion[0] = -0.18;
+  health.lens.focal_sigma = 0.0005;
   const io::Json json = healthJson(health);
   EXPECT_EQ(json["version"], "1.2.3");
   EXPECT_EQ(json["uptime_ns"], 7);
@@ -33,6 +37,10 @@ TEST(HealthJson, HoldsEveryField) {
   EXPECT_EQ(json["pose_rate_hz"], 149.5);
   EXPECT_EQ(json["counters"], (io::Json{{"dropped.queue", 3}, {"slam.frames", 100}}));
   EXPECT_EQ(json["temperatures_celsius"], (io::Json{{"cpu", 51.5}}));
+  EXPECT_EQ(json["lens"]["state"], "learned");
+  EXPECT_EQ(json["lens"]["fx"], 502.5);
+  EXPECT_EQ(json["lens"]["distortion"][0], -0.18);
+  EXPECT_EQ(json["lens"]["focal_sigma_percent"], 0.05);
 }
 
 }  // namespace

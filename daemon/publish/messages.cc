@@ -65,6 +65,18 @@ void clearEstimate(pose_t& message) {
   message.ambiguity_ratio = 0.0;
 }
 
+std::int8_t lensState(slam::LensState state) {
+  switch (state) {
+    case slam::LensState::kGiven:
+      return lens_t::STATE_GIVEN;
+    case slam::LensState::kLearning:
+      return lens_t::STATE_LEARNING;
+    case slam::LensState::kLearned:
+      return lens_t::STATE_LEARNED;
+  }
+  return lens_t::STATE_GIVEN;
+}
+
 }  // namespace
 
 void fillPose(const FrameRecord& record, std::optional<std::int64_t> last_pose_ns,
@@ -142,6 +154,24 @@ void fillMapPiece(const MapSnapshot& map, const std::string& dictionary, std::in
     put(marker.T_w_m.quaternion(), out.q_w_m);
     put(marker.covariance, out.covariance);
   }
+}
+
+void fillLens(const LensRecord& record, lens_t& message) {
+  const slam::Calibration& c = record.calibration;
+  const bool fisheye = c.model == slam::DistortionModel::kEquidistant;
+  message.state = lensState(record.state);
+  message.model = fisheye ? lens_t::MODEL_EQUIDISTANT : lens_t::MODEL_RATIONAL;
+  message.width = c.width;
+  message.height = c.height;
+  message.fx = c.fx;
+  message.fy = c.fy;
+  message.cx = c.cx;
+  message.cy = c.cy;
+  std::ranges::copy(c.distortion, message.distortion);
+  message.focal_sigma = record.focal_sigma;
+  message.rms_before_px = record.rms_before_px;
+  message.rms_after_px = record.rms_after_px;
+  message.changes = record.changes;
 }
 
 void fillBotCorePose(const BodyState& state, std::int64_t utime, bot_core::pose_t& message) {

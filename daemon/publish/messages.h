@@ -10,6 +10,7 @@
 #include "daemon/frames/frame_record.h"
 #include "daemon/publish/body_motion.h"
 #include <waymark/detections_t.hpp>
+#include <waymark/lens_t.hpp>
 #include <waymark/map_t.hpp>
 #include <waymark/pose_t.hpp>
 
@@ -33,6 +34,8 @@ void fillDetections(const FrameRecord& record, const std::string& dictionary,
 [[nodiscard]] int mapPieceCount(const MapSnapshot& map);
 void fillMapPiece(const MapSnapshot& map, const std::string& dictionary, std::int64_t revision,
                   int piece, map_t& message);
+
+void fillLens(const LensRecord& record, lens_t& message);
 
 // For subscribers that know bot_core only.
 void fillBotCorePose(const BodyState& state, std::int64_t utime, bot_core::pose_t& message);

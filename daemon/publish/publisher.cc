@@ -84,7 +84,9 @@ void Publisher::publishFrame() {
   pose_.latency_ns = monotonicNs() - record_.stamp.monotonic_ns;
   ++(send(pose_channel_, pose_) ? poses_sent_ : poses_unsent_);
   statistics_.add(record_.pose.has_value(), pose_.latency_ns, record_.processing_ns);
-  if (pose_.status != status_before) health_changed_ = true;
+  if (pose_.status != status_before || record_.lens.changes != health_.lens.changes) {
+    health_changed_ = true;
+  }
 
   if (record_.pose) {
     fillBotCorePose(body_.update(*record_.pose, record_.stamp.monotonic_ns), record_.stamp.utime,
@@ -160,6 +162,7 @@ void Publisher::publishHealth(std::int64_t now_ns) {
   health_.camera = cameraState(camera_report_.state);
   health_.camera_reason = camera_report_.reason;
   statistics_.report(now_ns, health_);
+  fillLens(record_.lens, health_.lens);
   fillCounters();
   health_.temperatures = readTemperatures();
   health_.temperature_count = static_cast<std::int32_t>(health_.temperatures.size());

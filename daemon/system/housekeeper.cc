@@ -95,6 +95,7 @@ void Housekeeper::reportHealth() {
     log_.info(changes.state);
     service_.status(changes.state);
   }
+  if (!changes.lens.empty()) log_.info(changes.lens);
   if (!changes.faults.empty()) log_.warning("counted: " + changes.faults);
 }
 

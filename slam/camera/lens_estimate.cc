@@ -1,5 +1,6 @@
 #include "slam/camera/lens_estimate.h"
 
+#include <algorithm>
 #include <cmath>
 #include <limits>
 #include <utility>
@@ -25,13 +26,25 @@ void freeLens(const LensProblem& lens, BundleProblem* problem) {
                    lens.prior.sigmas(lens.expected), lens.prior.aspect_share};
 }
 
+int keyframesSince(const Map& map, std::int64_t since_ns) {
+  return static_cast<int>(std::ranges::count_if(
+      map.keyframes(), [&](const auto& entry) { return entry.second.monotonic_ns >= since_ns; }));
+}
+
+// And the cameras find their places among them.
+void holdMarkers(BundleProblem* problem) {
+  for (BundleProblem::Pose& marker : problem->markers) marker.fixed = true;
+  for (BundleProblem::Pose& camera : problem->cameras) camera.fixed = false;
+}
+
 // Root mean square of the corners' distances from where they were seen, pixels.
 double rmsPx(const BundleProblem& problem) {
   double sum = 0.0;
   std::size_t corners = 0;
   for (const auto& observation : problem.observations) {
-    const Transform T_c_m = problem.cameras[static_cast<std::size_t>(observation.camera)].T.inverse() *
-                            problem.markers[static_cast<std::size_t>(observation.marker)].T;
+    const Transform T_c_m =
+        problem.cameras[static_cast<std::size_t>(observation.camera)].T.inverse() *
+        problem.markers[static_cast<std::size_t>(observation.marker)].T;
     const auto points =
         markerCorners(problem.marker_sizes_m[static_cast<std::size_t>(observation.marker)]);
     for (std::size_t k = 0; k < 4; ++k) {
@@ -77,9 +90,13 @@ Task<std::optional<LensEstimate>> estimateLens(const Map& map, const MarkerOptio
                                                LensProblem lens, BundleOptions options,
                                                Budget* budget) {
   lens.expected = asLens(lens.expected, lens.in_use);
-  const bool whole = static_cast<int>(map.keyframes().size()) <= lens.max_keyframes;
-  SubproblemMembers members = whole ? wholeMap(map) : newestMap(map, lens.max_keyframes);
+  const int of_this_lens = keyframesSince(map, lens.since_ns);
+  const int all = static_cast<int>(map.keyframes().size());
+  const bool whole = of_this_lens == all && all <= lens.max_keyframes;
+  SubproblemMembers members =
+      whole ? wholeMap(map) : newestMap(map, std::min(of_this_lens, lens.max_keyframes));
   Subproblem part = co_await buildSubproblem(map, std::move(members), markers, budget);
+  if (lens.markers_held) holdMarkers(&part.problem);
   if (!lens.readout_known) freeReadout(map, lens.readout_s, lens.in_use, &part);
   freeLens(lens, &part.problem);
   const double before_px = rmsPx(part.problem);

@@ -1,6 +1,9 @@
-// The lens among the unknowns of an optimization, while the map grows (Eq. 41 of seed 1, in slices).
+// The lens among the unknowns of an optimization, while the map grows (Eq. 41 of seed 1, in
+// slices).
 #pragma once
 
+#include <cstdint>
+#include <limits>
 #include <optional>
 
 #include "base/task.h"
@@ -34,6 +37,10 @@ struct LensProblem {
   int max_keyframes = 100;     // the newest ones of a larger map
   // Nobody has said which distortion model it is: the other one is tried as well.
   bool any_model = false;
+  // The markers are where they are: a map that is known.
+  bool markers_held = false;
+  // The lens is that of the keyframes since then, nanoseconds (monotonic); no others take part.
+  std::int64_t since_ns = std::numeric_limits<std::int64_t>::min();
 };
 
 // The map stays as it is. What is given by reference must outlive the task. Empty where there is no

@@ -31,7 +31,8 @@ LensProblem LensEstimator::problemOf(const RollingShutterEstimator& shutter) con
           .readout_s = shutter.seconds(),
           .readout_known = shutter.isGiven(),
           .max_keyframes = options_.max_keyframes,
-          .any_model = !options_.given};
+          .any_model = !options_.given,
+          .since_ns = knowledge_->since_ns};
 }
 
 void LensEstimator::work(double cost, const RollingShutterEstimator& shutter, const Map& map,
@@ -43,7 +44,8 @@ void LensEstimator::work(double cost, const RollingShutterEstimator& shutter, co
       return estimateLens(map, markers_, problemOf(shutter), optimization, budget);
     });
   }
-  if (estimate_) (void)estimate_->advance(cost);
+  if (estimate_)
+    (void)estimate_->advance(isUrgent(map) ? std::max(cost, options_.urgent_cost) : cost);
   if (whole_) (void)whole_->advance(cost);
 }
 
@@ -52,7 +54,9 @@ std::optional<Transform> LensEstimator::collect(const RollingShutterEstimator& s
   if (estimate_ && estimate_->done()) {
     const std::optional<LensEstimate> found = estimate_->take();
     estimate_.reset();
+    contradicted_ = found && lensChange(*found, *camera_) > options_.min_chi2;
     if (!found || !believes(*found, *map)) return std::nullopt;
+    contradicted_ = false;
     auto T_new_old = adopt(*found, shutter.seconds(), map);
     if (!found->of_whole_map) {
       whole_.emplace([&](Budget* budget) {
@@ -72,7 +76,8 @@ std::optional<Transform> LensEstimator::collect(const RollingShutterEstimator& s
 
 bool LensEstimator::estimateNow(const RollingShutterEstimator& shutter,
                                 const BundleOptions& optimization, Map* map) {
-  if (!options_.learn || map->keyframes().empty()) return false;
+  // Of several lenses the newest frames' alone would be asked for.
+  if (!options_.learn || map->keyframes().empty() || knowledge_->changedUnderWay()) return false;
   LensProblem problem = problemOf(shutter);
   problem.max_keyframes = std::numeric_limits<int>::max();
   const auto found = runToCompletion(
@@ -90,6 +95,8 @@ bool LensEstimator::believes(const LensEstimate& estimate, const Map& map) const
   const bool was_learned = knowledge_->state != LensState::kGiven;
   const double least = was_learned ? options_.min_change_chi2 : options_.min_chi2;
   if (!(lensChange(estimate, *camera_) > least)) return false;
+  const bool material = estimate.rms_after_px < options_.material_rms * estimate.rms_before_px;
+  if (!was_learned && !material) return false;
   return coversImage(estimate.camera) >= coversImage(*camera_) && seesAllOf(estimate.camera, map);
 }
 
@@ -97,14 +104,9 @@ std::optional<Transform> LensEstimator::adopt(const LensEstimate& estimate, doub
                                               Map* map) {
   auto T_new_old = applyAround(estimate.correction.keyframes.back().id, estimate.correction, map);
   *camera_ = estimate.camera;
-  LensKnowledge& known = *knowledge_;
-  known.covariance = estimate.covariance;
-  known.rms_before_px = estimate.rms_before_px;
-  known.rms_after_px = estimate.rms_after_px;
-  ++known.changes;
-  known.state = known.focalShare() <= options_.learned_focal_share ? LensState::kLearned
-                                                                   : LensState::kLearning;
-  undistortAgain(*camera_, readout_s, map);
+  knowledge_->adopt(estimate.camera, estimate.covariance, estimate.rms_before_px,
+                    estimate.rms_after_px, options_.learned_focal_share);
+  undistortAgain(*camera_, readout_s, map, knowledge_->since_ns);
   return T_new_old;
 }
 

@@ -39,6 +39,13 @@ class LensEstimator {
   [[nodiscard]] bool isDone() const {
     return (estimate_ && estimate_->done()) || (whole_ && whole_->done());
   }
+  // The lens has not been one and the same for all of the map.
+  [[nodiscard]] bool changedUnderWay() const { return knowledge_->changedUnderWay(); }
+  // The beginning of a map contradicts the lens in use, or another one was learned that is not
+  // known well yet: what does not fit may be the lens.
+  [[nodiscard]] bool inDoubt(const Map& map) const {
+    return (contradicted_ && isUrgent(map)) || knowledge_->state == LensState::kLearning;
+  }
   // Nothing is under way or due.
   [[nodiscard]] bool idle(const Map& map) const { return !estimate_ && !whole_ && !isDue(map); }
   // At once, from all of the map, whatever it costs. Whether another lens is in use now.
@@ -47,6 +54,9 @@ class LensEstimator {
 
  private:
   [[nodiscard]] bool isDue(const Map& map) const;
+  [[nodiscard]] bool isUrgent(const Map& map) const {
+    return static_cast<int>(map.keyframes().size()) < options_.urgent_keyframes;
+  }
   [[nodiscard]] LensProblem problemOf(const RollingShutterEstimator& shutter) const;
   [[nodiscard]] bool believes(const LensEstimate& estimate, const Map& map) const;
   std::optional<Transform> adopt(const LensEstimate& estimate, double readout_s, Map* map);
@@ -55,7 +65,8 @@ class LensEstimator {
   MarkerOptions markers_;
   CameraModel* camera_;
   LensKnowledge* knowledge_;
-  int next_keyframes_;  // it is estimated again when the map has so many
+  bool contradicted_ = false;  // by the last estimate
+  int next_keyframes_;         // it is estimated again when the map has so many
   std::optional<SlicedTask<std::optional<LensEstimate>>> estimate_;
   std::optional<SlicedTask<MapCorrection>> whole_;
 };

@@ -36,6 +36,24 @@ const char* stateName(LensState state) {
   return "";
 }
 
+const CameraModel& LensKnowledge::at(std::int64_t time_ns, const CameraModel& in_use) const {
+  for (const EarlierLens& lens : earlier) {
+    if (time_ns < lens.until_ns) return lens.camera;
+  }
+  return in_use;
+}
+
+void LensKnowledge::adopt(const CameraModel& found, const IntrinsicMatrix& its_covariance,
+                          double before_px, double after_px, double learned_focal_share) {
+  if (changes == 0) rms_given_px = before_px;
+  covariance = its_covariance;
+  focal_px = found.calibration().fx;
+  rms_before_px = before_px;
+  rms_after_px = after_px;
+  ++changes;
+  state = focalShare() <= learned_focal_share ? LensState::kLearned : LensState::kLearning;
+}
+
 bool coversImage(const CameraModel& camera) {
   const double right = camera.width() - 1.0;
   const double bottom = camera.height() - 1.0;

@@ -4,7 +4,9 @@
 
 #include <cmath>
 #include <cstdint>
+#include <limits>
 #include <string>
+#include <vector>
 
 #include "slam/geometry/camera_model.h"
 
@@ -14,20 +16,20 @@ using IntrinsicMatrix = Eigen::Matrix<double, 9, 9>;
 
 // How well a calibration is known before the map has anything to say of it: standard deviations.
 struct LensPrior {
-  // Of the focal length, as a share of it. An autofocus, or another copy of the same camera, is some
-  // percent off; larger lets a lens that is nearly known wander where the markers say little.
+  // Of the focal length, as a share of it. An autofocus, or another copy of the same camera, is
+  // some percent off; larger lets a lens that is nearly known wander where the markers say little.
   double focal_share = 0.05;
   // Of the ratio of fx and fy: pixels are squares.
-  double aspect_share = 0.001;
+  double aspect_share = 2e-4;
   // Of the centre, as a share of the image's width. Lenses sit some 1 to 2 % off.
   double centre_share = 0.015;
-  // Of the first radial coefficient, and of each further one. Nothing limits the first one much; the
-  // others differ less from lens to lens, and where no marker has been they are all that keeps the
-  // lens from being bent at will.
+  // Of the first radial coefficient, and of each further one. Nothing limits the first one much;
+  // the others differ less from lens to lens, and where no marker has been they are all that keeps
+  // the lens from being bent at will.
   double radial = 0.15;
   double higher_radial = 0.06;
   // Of the tangential ones: lenses are mounted straight.
-  double tangential = 0.002;
+  double tangential = 0.001;
 
   // In the order of IntrinsicVector.
   [[nodiscard]] IntrinsicVector sigmas(const CameraModel& expected) const;
@@ -44,6 +46,12 @@ enum class LensState : std::uint8_t {
 // "given", "learning", "learned".
 [[nodiscard]] const char* stateName(LensState state);
 
+// One that was in use before the lens changed under way.
+struct EarlierLens {
+  CameraModel camera;
+  std::int64_t until_ns = 0;  // of the frames, monotonic
+};
+
 // The lens in use itself is the CameraModel that all share.
 struct LensKnowledge {
   LensState state = LensState::kGiven;
@@ -51,14 +59,24 @@ struct LensKnowledge {
   // Of the intrinsics in use; zero as long as they are believed as given.
   IntrinsicMatrix covariance = IntrinsicMatrix::Zero();
   // RMS of the whitened residuals' corners before and after the last change, pixels.
+  double focal_px = 1.0;      // that it is the covariance of
+  double rms_given_px = 0.0;  // with the lens as it was given; 0 as long as nothing contradicts it
   double rms_before_px = 0.0;
   double rms_after_px = 0.0;
   int changes = 0;  // of the lens in use so far
+  // The lens in use is of the frames since then, nanoseconds (monotonic); others before it, oldest
+  // first.
+  std::int64_t since_ns = std::numeric_limits<std::int64_t>::min();
+  std::vector<EarlierLens> earlier{};
 
+  [[nodiscard]] bool changedUnderWay() const { return !earlier.empty(); }
+  // Of a frame, given the one in use.
+  [[nodiscard]] const CameraModel& at(std::int64_t time_ns, const CameraModel& in_use) const;
+  // The caller puts it in use.
+  void adopt(const CameraModel& found, const IntrinsicMatrix& its_covariance, double before_px,
+             double after_px, double learned_focal_share);
   // Standard deviation of the focal length in use, as a share of it.
-  [[nodiscard]] double focalShare() const {
-    return std::sqrt(covariance(0, 0)) / given.calibration().fx;
-  }
+  [[nodiscard]] double focalShare() const { return std::sqrt(covariance(0, 0)) / focal_px; }
 };
 
 // Whether a lens sees all of the image: it has an inverse up to the corners.

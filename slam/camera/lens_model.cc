@@ -36,8 +36,10 @@ std::optional<CameraModel> inModel(DistortionModel model, const CameraModel& cam
   CameraModel found(c);
   const std::vector<Ray> rays = raysOf(camera);
   constexpr int kIterations = 10;
-  // Tangential coefficients say what the centre says, too; the ninth of an equidistant lens nothing.
-  constexpr double kHeld = 1e-3;  // px^-2 of every unknown: too little to pull where anything is seen
+  // Tangential coefficients say what the centre says, too; the ninth of an equidistant lens
+  // nothing.
+  constexpr double kHeld =
+      1e-3;  // px^-2 of every unknown: too little to pull where anything is seen
   for (int i = 0; i < kIterations; ++i) {
     IntrinsicVector g = IntrinsicVector::Zero();
     Eigen::Matrix<double, 9, 9> H = kHeld * Eigen::Matrix<double, 9, 9>::Identity();

@@ -7,8 +7,8 @@
 
 namespace waymark::slam {
 
-// The lens of the other model that puts rays where this one does, as nearly as it can: least squares
-// over a grid of pixels. Empty where that comes to no lens.
+// The lens of the other model that puts rays where this one does, as nearly as it can: least
+// squares over a grid of pixels. Empty where that comes to no lens.
 [[nodiscard]] std::optional<CameraModel> inModel(DistortionModel model, const CameraModel& camera);
 
 // The same as it is, in the model of another lens; that one where there is none.

@@ -28,8 +28,8 @@ struct ExpectedLens {
   double aspect_sigma = 0.0;
 };
 
-// As optimizeGlobally(), with the intrinsics as unknowns (Eq. 41). On success *camera, which undistorted the map's corners, is the better lens, and
-// undistorts them anew.
+// As optimizeGlobally(), with the intrinsics as unknowns (Eq. 41). On success *camera, which
+// undistorted the map's corners, is the better lens, and undistorts them anew.
 BundleSummary optimizeGloballyWithIntrinsics(Map* map, const MarkerOptions& markers,
                                              const ExpectedLens& expected, double readout_s,
                                              const BundleOptions& options, CameraModel* camera);

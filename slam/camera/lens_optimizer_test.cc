@@ -39,7 +39,8 @@ TEST(LensOptimizer, TheLensAndTheCornersFollow) {
   undistortAgain(lens, 0.0, &map);
   const double before = costOf(testing::wholeMapFit(map).squared, 2.45);
   const BundleSummary summary = optimizeGloballyWithIntrinsics(
-      &map, {.size_m = kSize}, {lens.intrinsics(), IntrinsicPriors{}.sigmas()}, 0.0, kToTheEnd, &lens);
+      &map, {.size_m = kSize}, {lens.intrinsics(), IntrinsicPriors{}.sigmas()}, 0.0, kToTheEnd,
+      &lens);
   ASSERT_FALSE(summary.failed);
   EXPECT_LT(std::abs(lens.calibration().fx - truth.calibration().fx), 1.0);
   EXPECT_LT(std::abs(lens.calibration().fy - truth.calibration().fy), 1.0);

@@ -4,6 +4,18 @@
 
 namespace waymark::slam {
 
+std::string LensWatchOptions::invalidReason() const {
+  return firstUnmet({
+      {usual_frames >= 1 && late_frames >= 1.0, "a lens is watched over at least 1 frame"},
+      {doubt_ratio > 1.0 && worst_fit > doubt_ratio,
+       "the fit that puts a lens in doubt must be "
+       "worse than the usual one"},
+      {first_frames >= 1 && max_frames >= first_frames, "a lens needs at least 1 view"},
+      {min_interval_ns >= 0 && isNotNegative(min_turn_rad),
+       "the distance of two views of a lens must not be negative"},
+  });
+}
+
 void LensOptions::takeForGuess(bool fov_said) {
   given = false;
   prior = priorOfGuess(prior, fov_said, start);
@@ -13,9 +25,12 @@ std::string LensOptions::invalidReason() const {
   return firstReason({
       prior.invalidReason(),
       start.invalidReason(),
+      watch.invalidReason(),
       firstUnmet({
           {first_keyframes >= 1 && max_keyframes >= 1, "a lens needs at least 1 keyframe"},
+          {isNotNegative(urgent_cost), "the work of a lens in a frame must not be negative"},
           {growth > 1.0, "the map must grow before the lens is estimated again"},
+          {isPositive(material_rms), "the RMS of a better lens must be positive"},
           {isNotNegative(min_chi2) && isNotNegative(min_change_chi2),
            "the chi-squares of a lens must not be negative"},
           {isPositive(learned_focal_share), "the sigma of a learned focal length must be positive"},

@@ -1,12 +1,34 @@
 // How the lens is learned.
 #pragma once
 
+#include <cstdint>
 #include <string>
 
 #include "slam/camera/lens_knowledge.h"
 #include "slam/camera/lens_start.h"
 
 namespace waymark::slam {
+
+// How a change of the lens under way is noticed, and the lens learned in a map that does not grow.
+struct LensWatchOptions {
+  // Frames with at least two markers of the map: so many are usual, and so many are of late.
+  int usual_frames = 100;
+  double late_frames = 10.0;
+  // The lens is in doubt when the markers fit this many times worse of late than usually (mean
+  // squares); and a fit counts as this bad at most. Smaller takes a bend in the map for the lens.
+  double doubt_ratio = 2.0;
+  double worst_fit = 100.0;
+  // Views it is learned from: the first time with so many, then with twice as many, and at most.
+  int first_frames = 8;
+  int max_frames = 32;
+  // From one to the next at least: nanoseconds, and radians (of a turn, or of a way as seen from
+  // the markers).
+  std::int64_t min_interval_ns = 60'000'000;
+  double min_turn_rad = 0.02;
+
+  // Empty when usable, else what is wrong.
+  [[nodiscard]] std::string invalidReason() const;
+};
 
 struct LensOptions {
   // Off: the calibration is exact, whatever the markers say.
@@ -18,17 +40,27 @@ struct LensOptions {
   // Of a camera that was not given.
   LensStartOptions start;
   // It is estimated when a map has this many keyframes, and again whenever the map has grown by the
-  // factor, from the newest ones of them, at most so many. Each time costs an optimization of those.
+  // factor, from the newest ones of them, at most so many. Each time costs an optimization of
+  // those.
   int first_keyframes = 3;
   double growth = 1.4;
   int max_keyframes = 100;
+  // A map of fewer keyframes than this is built on sand if the lens is wrong: its estimates may
+  // spend so much of a frame, in the units of Options::work_per_frame, and what is left of that
+  // later.
+  int urgent_keyframes = 40;
+  double urgent_cost = 2000.0;
   // An estimate is believed instead of the lens in use when it differs from it by this much:
   // chi-square of the intrinsics, by their covariance. 28 is the 99.9 % quantile of the nine; but
   // paper that is not flat and shutters that roll look like a little of a wrong lens. Smaller takes
   // every whim of the paper for the lens, larger believes a wrong calibration for longer.
   double min_chi2 = 60.0;
+  // And only if the corners' RMS falls to this share of what it was: a calibration that is as good
+  // as the corners are is left alone. Smaller keeps calibrations that are a little wrong.
+  double material_rms = 0.8;
   // The same of a lens that was learned before, which a better estimate replaces.
-  double min_change_chi2 = 30.0;
+  double min_change_chi2 = 15.0;
+  LensWatchOptions watch;
   // It counts as learned when the focal length's standard deviation is at most this share of it.
   double learned_focal_share = 0.002;
 

@@ -27,7 +27,8 @@ class LensShareTest : public ::testing::Test {
   }
 
   // Nothing is gated or weighted down.
-  static constexpr PoseOptimizerOptions kAll{.max_iterations = 50, .huber = 1e6, .marker_chi2 = 1e9};
+  static constexpr PoseOptimizerOptions kAll{
+      .max_iterations = 50, .huber = 1e6, .marker_chi2 = 1e9};
   std::mt19937 rng_{8};
   CameraModel truth_{testing::testCalibration()};
   std::vector<testing::SyntheticMarker> markers_ = testing::markerWall(2, 3, 0.5, &rng_);

@@ -7,6 +7,7 @@
 #include <utility>
 #include <vector>
 
+#include "slam/camera/lens_model.h"
 #include "slam/camera/undistort_map.h"
 #include "slam/marker_pose/square_pose.h"
 #include "slam/option_checks.h"
@@ -53,25 +54,36 @@ std::optional<StartingLens> LensStart::process(std::span<const MarkerDetection> 
     views_.push_back({detection, markers_.sizeOf(detection.id)});
   }
   while (static_cast<int>(views_.size()) > options_.views) views_.pop_front();
-  std::optional<StartingLens> best;
-  double least = std::numeric_limits<double>::infinity();
-  for (const DistortionModel model : {DistortionModel::kRational, DistortionModel::kEquidistant}) {
-    for (const double share : {1.0, 0.6, 1.7}) {
-      double cost = 0.0;
-      auto found = estimate(withFocal(guess_, share, model), &cost);
-      // The second model has to explain more than chance does.
-      const double evidence = model == DistortionModel::kRational ? 0.0 : options_.model_evidence;
-      if (!found || !(cost + evidence < least) || !coversImage(found->camera)) continue;
-      best = std::move(found);
-      least = cost + evidence;
-    }
-  }
+  const std::optional<StartingLens> best = bestLens();
   if (!best) {
     if (frames_ < 2 * options_.frames) return std::nullopt;
     return StartingLens{guess_, prior_.sigmas(guess_).cwiseAbs2().asDiagonal()};
   }
   const bool enough = best->focalShare() <= options_.enough_share;
   return enough || frames_ >= options_.frames ? best : std::nullopt;
+}
+
+// Of several to begin with, as each leads to the nearest minimum only; of the two models the
+// fisheye has to explain more than chance does, also from where the other one has ended.
+std::optional<StartingLens> LensStart::bestLens() const {
+  std::optional<StartingLens> best;
+  double least = std::numeric_limits<double>::infinity();
+  const auto attempt = [&](const CameraModel& from) {
+    double cost = 0.0;
+    auto found = estimate(from, &cost);
+    if (!found || !coversImage(found->camera)) return;
+    if (from.calibration().model == DistortionModel::kEquidistant) cost += options_.model_evidence;
+    if (!(cost < least)) return;
+    best = std::move(found);
+    least = cost;
+  };
+  for (const DistortionModel model : {DistortionModel::kRational, DistortionModel::kEquidistant}) {
+    for (const double share : {1.0, 0.6, 1.7}) attempt(withFocal(guess_, share, model));
+  }
+  if (!best || best->camera.calibration().model == DistortionModel::kRational) return best;
+  const CameraModel fisheye = best->camera;
+  if (const auto usual = inModel(DistortionModel::kRational, fisheye)) attempt(*usual);
+  return best;
 }
 
 // Each square is a marker of its own, seen by one camera that does not move.

@@ -1,5 +1,5 @@
-// The lens of a camera that nobody has calibrated, from the squares in its first frames: each is the
-// image of a plane whose shape is known, and says a little of the focal length as soon as it is
+// The lens of a camera that nobody has calibrated, from the squares in its first frames: each is
+// the image of a plane whose shape is known, and says a little of the focal length as soon as it is
 // tilted (Zhang's method, with every square a board of its own). Good enough for a map to begin,
 // which learns the rest (lens_estimator.h).
 #pragma once
@@ -30,8 +30,8 @@ struct LensStartOptions {
   // ... or when this many frames with markers have said no more. Most scenes say more when
   // markers are seen from several places, for which there has to be a map.
   int frames = 6;
-  // How much better a fisheye (equidistant) has to explain the squares than a usual lens before it is
-  // taken for one: twice the log of their likelihoods.
+  // How much better a fisheye (equidistant) has to explain the squares than a usual lens before it
+  // is taken for one: twice the log of their likelihoods.
   double model_evidence = 12.0;
   // Squares that take part, the newest ones. More are surer, and cost time in each of these frames.
   int views = 40;
@@ -78,6 +78,7 @@ class LensStart {
     double size_m = 0.0;
   };
 
+  [[nodiscard]] std::optional<StartingLens> bestLens() const;
   [[nodiscard]] std::optional<StartingLens> estimate(const CameraModel& from, double* cost) const;
 
   CameraModel guess_;

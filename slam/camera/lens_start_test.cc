@@ -51,6 +51,7 @@ TEST_F(LensStartTest, FindsTheFocalLengthOfAnyUsualLens) {
     const double error = found->camera.calibration().fx / truth.calibration().fx - 1.0;
     EXPECT_LT(std::abs(error), 3.0 * found->focalShare()) << focal;
     EXPECT_LT(found->focalShare(), 0.1) << focal;
+    EXPECT_EQ(found->camera.calibration().model, DistortionModel::kRational) << focal;
   }
 }
 
@@ -74,8 +75,8 @@ TEST_F(LensStartTest, WhatCannotBeKnownIsSaidToBeUnknown) {
   LensStart start(guess_, prior_, {.size_m = kSize}, options_);
   std::optional<StartingLens> found;
   for (int i = 0; i < 3 * options_.frames && !found; ++i) {
-    found = start.process(testing::observeAll(
-        truth, testing::lookAt({0.0, 0.0, 0.0}, centre), one, kSize, 0.2, &rng_));
+    found = start.process(testing::observeAll(truth, testing::lookAt({0.0, 0.0, 0.0}, centre), one,
+                                              kSize, 0.2, &rng_));
   }
   ASSERT_TRUE(found);
   EXPECT_GT(found->focalShare(), 0.1);

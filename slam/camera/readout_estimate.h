@@ -12,8 +12,8 @@
 
 namespace waymark::slam {
 
-// The readout time becomes an unknown of the part, whose corners were corrected with readout_s: where
-// they would have moved with another one.
+// The readout time becomes an unknown of the part, whose corners were corrected with readout_s:
+// where they would have moved with another one.
 void freeReadout(const Map& map, double readout_s, const CameraModel& camera, Subproblem* part);
 
 // What it most likely is, given the newest keyframes, and how well that is known.

@@ -1,6 +1,8 @@
 // A map after the camera has turned out to be another one.
 #pragma once
 
+#include <cstdint>
+#include <limits>
 #include <vector>
 
 #include "slam/detection/marker_detection.h"
@@ -11,7 +13,9 @@ namespace waymark::slam {
 
 // The detections' normalized corners follow from their pixels anew, with this lens and this
 // shutter. One that the lens cannot have seen leaves its keyframe.
-void undistortAgain(const CameraModel& camera, double readout_s, Map* map);
+// since_ns: keyframes before that time were seen through another lens, and stay as they are.
+void undistortAgain(const CameraModel& camera, double readout_s, Map* map,
+                    std::int64_t since_ns = std::numeric_limits<std::int64_t>::min());
 // The same of a frame's detections, as a global shutter saw them.
 void undistortAgain(const CameraModel& camera, std::vector<MarkerDetection>* detections);
 

@@ -69,7 +69,7 @@ bool MapUpdater::growByPicture(const AwaitedFrame& frame, const LateResult& seen
 // changed.
 bool MapUpdater::screenMarkers(const TrackedFrame& frame, Map* map) {
   bool changed = screening_->banDuplicates(map, counters_);
-  if (loops_.confirmMoved(*map, frame, fitting_)) {
+  if (!lens_->inDoubt(*map) && loops_.confirmMoved(*map, frame, fitting_)) {
     changed = screening_->quarantineMoved(map, counters_) || changed;
   }
   if (!changed) return false;
@@ -89,9 +89,10 @@ void MapUpdater::work(double budget, const Map& map) {
   const double rest = budget - for_local + unspent;
   if (!lens_->idle(map)) {
     lens_->work(rest, *rolling_shutter_, map, options_.loops.optimization);
-  } else if (loops_.idle()) {
+  } else if (loops_.idle() && !lens_->changedUnderWay()) {
+    // Of several lenses the shutter is not asked any more: which corners it would move is unclear.
     rolling_shutter_->work(rest, camera_, map, options_.loops.optimization);
-  } else {
+  } else if (!loops_.idle()) {
     loops_.work(rest);
   }
 }
@@ -105,7 +106,8 @@ FinishedWork MapUpdater::collect(Map* map) {
   add(mapper_.takeWorldMotion());
   add(mapper_.collect(map, counters_));
   if (lens_->isDone()) {
-    finished.lens_changed = add(lens_->collect(*rolling_shutter_, options_.loops.optimization, map));
+    finished.lens_changed =
+        add(lens_->collect(*rolling_shutter_, options_.loops.optimization, map));
     // What did not fit may have been the lens.
     if (finished.lens_changed) screening_->forgetDisagreements();
   }

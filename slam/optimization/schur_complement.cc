@@ -191,8 +191,7 @@ void SchurComplement::substitute(std::size_t gone, bool with_globals, const Glob
   *step = x;
 }
 
-std::optional<GlobalMatrix> SchurComplement::globalsCovariance(
-    const BundleProblem& problem) const {
+std::optional<GlobalMatrix> SchurComplement::globalsCovariance(const BundleProblem& problem) const {
   return problem.hasGlobals() ? reduced_.globalsCovariance() : std::nullopt;
 }
 

@@ -44,6 +44,7 @@ void addKeyframes(const Map& map, std::span<const SubproblemMembers::Role> roles
   auto next = map.keyframes().begin();
   for (const auto& [id, held] : roles) {
     if (next == map.keyframes().end() || next->first != id) next = map.keyframes().find(id);
+    if (next == map.keyframes().end()) continue;  // has been let go since the roles were given
     const Keyframe& keyframe = (next++)->second;
     const auto takesPart = [&](int marker) { return part->markerIndex(marker) >= 0; };
     const bool sees_some =

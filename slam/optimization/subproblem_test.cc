@@ -243,6 +243,15 @@ MapCorrection shifted(const Map& map) {
   return correction;
 }
 
+// The members are chosen before the first slice, and the map goes on in between.
+TEST(Subproblem, KeyframesThatAreGoneTakeNoPart) {
+  Map map = chain();
+  const SubproblemMembers members = wholeMap(map);
+  map.removeKeyframe(4);
+  map.removeKeyframe(1);
+  EXPECT_EQ(build(map, members).keyframes, (Keyframes{0, 2, 3}));
+}
+
 TEST(MapCorrection, GoesIntoTheMap) {
   Map map = chain();
   ASSERT_TRUE(apply(shifted(map), &map));

@@ -1,0 +1,125 @@
+#include "slam/camera/lens_watch.h"
+
+#include <algorithm>
+#include <array>
+#include <utility>
+#include <vector>
+
+#include "slam/camera/undistort_map.h"
+#include "slam/camera_pose/pose_optimizer.h"
+
+namespace waymark::slam {
+
+void LensWatch::forget() {
+  seen_ = Map();
+  estimate_.reset();
+  next_frames_ = options_.watch.first_frames;
+}
+
+void LensWatch::look(const FrameTime& time, const Transform& T_w_c, const Twist& twist,
+                     std::span<const KnownMarker> known) {
+  if (!options_.learn || known.size() < 2) return;
+  noteFit(time, T_w_c, known);
+  const bool wanted = !map_grows_ || doubted_since_ns_ > 0;
+  if (!wanted || !isAnotherView(time, T_w_c, known)) return;
+  Keyframe frame;
+  frame.sequence = time.sequence;
+  frame.monotonic_ns = time.monotonic_ns;
+  frame.T_w_c = T_w_c;
+  frame.twist = twist;
+  for (const KnownMarker& marker : known) {
+    frame.detections.push_back(*marker.detection);
+    seen_.addMarker(marker.detection->id, marker.size_m);
+    seen_.place(marker.detection->id, marker.T_w_m);
+  }
+  (void)seen_.addKeyframe(std::move(frame));
+  if (!estimate_ && static_cast<int>(seen_.keyframes().size()) > options_.watch.max_frames) {
+    seen_.removeKeyframe(seen_.keyframes().begin()->first);
+  }
+}
+
+// One marker that has moved is not the lens: the better half of them counts.
+void LensWatch::noteFit(const FrameTime& time, const Transform& T_w_c,
+                        std::span<const KnownMarker> known) {
+  std::array<double, 8> misfits{};
+  const std::size_t count = std::min(known.size(), misfits.size());
+  for (std::size_t i = 0; i < count; ++i) {
+    misfits[i] =
+        PoseOptimizer::markerChi2(known[i], T_w_c).value_or(options_.watch.worst_fit * 8.0);
+  }
+  std::sort(misfits.begin(), misfits.begin() + static_cast<std::ptrdiff_t>(count));
+  const double fit = std::min(misfits[(count - 1) / 2] / 8.0, options_.watch.worst_fit);
+  const LensWatchOptions& watch = options_.watch;
+  of_late_ += (fit - of_late_) / watch.late_frames;
+  const bool contradicts =
+      frames_ >= watch.usual_frames && of_late_ > watch.doubt_ratio * std::max(usual_, 1.0);
+  if (!contradicts) {
+    if (doubted_since_ns_ > 0 && map_grows_) forget();
+    doubted_since_ns_ = 0;
+    usual_ += (fit - usual_) / std::min(++frames_, watch.usual_frames);
+  } else if (doubted_since_ns_ == 0) {
+    doubted_since_ns_ = time.monotonic_ns;
+    forget();
+  }
+}
+
+bool LensWatch::isAnotherView(const FrameTime& time, const Transform& T_w_c,
+                              std::span<const KnownMarker> known) const {
+  if (seen_.keyframes().empty()) return true;
+  const Keyframe& last = seen_.keyframes().rbegin()->second;
+  const LensWatchOptions& watch = options_.watch;
+  if (time.monotonic_ns - last.monotonic_ns < watch.min_interval_ns) return false;
+  const double depth_m = (known.front().T_w_m.p - T_w_c.p).norm();
+  return rotationDistance(T_w_c.R, last.T_w_c.R) > watch.min_turn_rad ||
+         (T_w_c.p - last.T_w_c.p).norm() > watch.min_turn_rad * depth_m;
+}
+
+void LensWatch::work(double cost, const RollingShutterEstimator& shutter,
+                     const BundleOptions& optimization) {
+  if (!estimate_ && static_cast<int>(seen_.keyframes().size()) >= next_frames_) {
+    next_frames_ = std::min(2 * next_frames_, options_.watch.max_frames);
+    LensProblem problem{.in_use = *camera_,
+                        .expected = *camera_,
+                        .prior = options_.prior,
+                        .readout_s = shutter.seconds(),
+                        .readout_known = shutter.isGiven(),
+                        .max_keyframes = options_.watch.max_frames,
+                        .any_model = false,
+                        .markers_held = true};
+    estimate_.emplace([&](Budget* budget) {
+      return estimateLens(seen_, markers_, problem, optimization, budget);
+    });
+  }
+  if (estimate_) (void)estimate_->advance(cost);
+}
+
+bool LensWatch::believes(const LensEstimate& estimate) const {
+  return lensChange(estimate, *camera_) > options_.min_chi2 &&
+         estimate.rms_after_px < options_.material_rms * estimate.rms_before_px &&
+         coversImage(estimate.camera) >= coversImage(*camera_);
+}
+
+bool LensWatch::collect(const RollingShutterEstimator& shutter) {
+  if (!estimate_ || !estimate_->done()) return false;
+  const std::optional<LensEstimate> found = estimate_->take();
+  estimate_.reset();
+  if (!found || !believes(*found)) return false;
+  LensKnowledge& known = *knowledge_;
+  if (map_grows_) {
+    known.earlier.push_back({*camera_, doubted_since_ns_});
+    known.since_ns = doubted_since_ns_;
+  }
+  known.adopt(found->camera, found->covariance, found->rms_before_px, found->rms_after_px,
+              options_.learned_focal_share);
+  *camera_ = found->camera;
+  doubted_since_ns_ = 0;
+  of_late_ = usual_;
+  if (map_grows_) {
+    forget();
+  } else {
+    undistortAgain(*camera_, shutter.seconds(), &seen_);
+  }
+  return true;
+}
+
+}  // namespace waymark::slam

@@ -1,0 +1,105 @@
+#include "slam/camera/lens_watch.h"
+
+#include <cmath>
+#include <random>
+#include <vector>
+
+#include <gtest/gtest.h>
+
+#include "slam/camera_pose/pose_optimizer.h"
+#include "slam/testing/scene.h"
+
+namespace waymark::slam {
+namespace {
+
+constexpr double kSize = 0.15;
+constexpr double kSigma_px = 0.05;
+const BundleOptions kBundle{.max_iterations = 20, .min_relative_decrease = 1e-8};
+
+CameraModel scaled(const CameraModel& camera, double focal, double k1) {
+  IntrinsicVector v = camera.intrinsics();
+  v.head<2>() *= focal;
+  v[4] += k1;
+  return CameraModel(camera.withIntrinsics(v));
+}
+
+// A camera that walks to and fro along a known wall of markers, 30 frames a second.
+class LensWatchTest : public ::testing::Test {
+ protected:
+  // One more frame, taken through `lens`, and told as the lens in use has it.
+  void frame(const CameraModel& lens, LensWatch* watch) {
+    const double way = 0.8 * std::sin(0.05 * frames_);
+    const Transform T_w_c = testing::lookAt({way, 1.2 + 0.3 * std::cos(0.03 * frames_), 0.2},
+                                            {0.4 * way, 3.0, 0.1 * std::sin(0.04 * frames_)});
+    auto seen = testing::observeAll(lens, T_w_c, markers_, kSize, kSigma_px, &rng_);
+    for (MarkerDetection& detection : seen) ASSERT_TRUE(undistortCorners(camera_, &detection));
+    const auto known = testing::knownFrom(seen, markers_, kSize);
+    const auto solution = PoseOptimizer(camera_.focalLength()).optimize(known, T_w_c);
+    ASSERT_TRUE(solution);
+    time_.monotonic_ns += kFrame_ns;
+    ++frames_;
+    watch->look(time_, solution->T_w_c, Twist::Zero(), known);
+    watch->work(1000.0, shutter_, kBundle);
+  }
+  // Frames until another lens is in use; so many at most.
+  int framesUntilLearned(const CameraModel& lens, int at_most, LensWatch* watch) {
+    for (int i = 1; i <= at_most; ++i) {
+      frame(lens, watch);
+      if (watch->collect(shutter_)) return i;
+    }
+    return -1;
+  }
+  [[nodiscard]] double focalError(const CameraModel& truth) const {
+    return camera_.calibration().fx / truth.calibration().fx - 1.0;
+  }
+
+  static constexpr std::int64_t kFrame_ns = 33'333'333;
+  std::mt19937 rng_{4};
+  CameraModel truth_{testing::testCalibration()};
+  std::vector<testing::SyntheticMarker> markers_ = testing::markerWall(3, 6, 0.4, &rng_);
+  MarkerOptions options_{.size_m = kSize};
+  RollingShutterEstimator shutter_{{.readout_s = 0.0}, options_};
+  CameraModel camera_ = truth_;
+  LensKnowledge knowledge_{.given = truth_};
+  FrameTime time_{0, 1'000'000'000};
+  int frames_ = 0;
+};
+
+TEST_F(LensWatchTest, LearnsAWrongLensInAKnownMap) {
+  camera_ = scaled(truth_, 0.97, -0.04);
+  knowledge_ = {.given = camera_};
+  LensWatch watch({}, options_, /*map_grows=*/false, &camera_, &knowledge_);
+  EXPECT_GT(framesUntilLearned(truth_, 200, &watch), 0);
+  EXPECT_LT(std::abs(focalError(truth_)), 2e-3);
+  EXPECT_EQ(knowledge_.changes, 1);
+  EXPECT_FALSE(knowledge_.changedUnderWay()) << "it was never another one";
+}
+
+TEST_F(LensWatchTest, ARightLensStays) {
+  LensWatch in_known_map({}, options_, /*map_grows=*/false, &camera_, &knowledge_);
+  EXPECT_EQ(framesUntilLearned(truth_, 300, &in_known_map), -1);
+  LensWatch in_growing_map({}, options_, /*map_grows=*/true, &camera_, &knowledge_);
+  EXPECT_EQ(framesUntilLearned(truth_, 300, &in_growing_map), -1);
+  EXPECT_EQ(knowledge_.state, LensState::kGiven);
+}
+
+// An autofocus breathes by 3 %.
+TEST_F(LensWatchTest, NoticesALensThatChangesUnderWay) {
+  LensWatch watch({}, options_, /*map_grows=*/true, &camera_, &knowledge_);
+  EXPECT_EQ(framesUntilLearned(truth_, 150, &watch), -1);
+  const std::int64_t changed_ns = time_.monotonic_ns;
+  const CameraModel after = scaled(truth_, 1.03, 0.0);
+  const int frames = framesUntilLearned(after, 150, &watch);
+  EXPECT_GT(frames, 0);
+  EXPECT_LT(frames * 1e-9 * kFrame_ns, 5.0);
+  EXPECT_LT(std::abs(focalError(after)), 3e-3);
+  ASSERT_TRUE(knowledge_.changedUnderWay());
+  EXPECT_GE(knowledge_.since_ns, changed_ns);
+  EXPECT_LT(knowledge_.since_ns, changed_ns + 1'000'000'000);
+  EXPECT_EQ(knowledge_.at(changed_ns, camera_).calibration(), truth_.calibration());
+  EXPECT_EQ(knowledge_.at(time_.monotonic_ns, camera_).calibration(), camera_.calibration());
+  EXPECT_EQ(framesUntilLearned(after, 150, &watch), -1) << "and that is that";
+}
+
+}  // namespace
+}  // namespace waymark::slam
