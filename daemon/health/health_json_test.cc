@@ -28,6 +28,8 @@ TEST(HealthJson, HoldsEveryField) {
   health.lens.fx = 502.5;
   health.lens.distortion[0] = -0.18;
   health.lens.focal_sigma = 0.0005;
+  health.map_piece = 4;
+  health.map_piece_count = 2;
   const io::Json json = healthJson(health);
   EXPECT_EQ(json["version"], "1.2.3");
   EXPECT_EQ(json["uptime_ns"], 7);
@@ -36,6 +38,8 @@ TEST(HealthJson, HoldsEveryField) {
   EXPECT_EQ(json["camera"], (io::Json{{"state", "lost"}, {"reason", "unplugged"}}));
   EXPECT_EQ(json["pose_rate_hz"], 149.5);
   EXPECT_EQ(json["counters"], (io::Json{{"dropped.queue", 3}, {"slam.frames", 100}}));
+  EXPECT_EQ(json["map_piece"], 4);
+  EXPECT_EQ(json["map_pieces"], 2);
   EXPECT_EQ(json["temperatures_celsius"], (io::Json{{"cpu", 51.5}}));
   EXPECT_EQ(json["lens"]["state"], "learned");
   EXPECT_EQ(json["lens"]["fx"], 502.5);

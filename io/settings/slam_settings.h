@@ -23,10 +23,17 @@ struct MapSettings {
 
 struct SlamSettings {
   std::string dictionary;
-  slam::Options options;
+  slam::Options options = beginningPieces();  // what uses these says the piece of every pose
   MapSettings map;
   // Of the image's width, where there is no calibration (camera.fov_deg).
   std::optional<double> fov_deg;
+
+ private:
+  static slam::Options beginningPieces() {
+    slam::Options options;
+    options.pieces.begin = true;
+    return options;
+  }
 };
 
 // The keys of [slam]: "slam." and the path in slam::Options, but for dictionary, marker_size_m,
