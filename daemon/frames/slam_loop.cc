@@ -121,10 +121,18 @@ void SlamLoop::handOnMap(const capture::FrameStamp& stamp) {
   snapshot.keyframe_count = static_cast<int>(map.keyframes().size());
   snapshot.markers.clear();
   snapshot.pictures.clear();
+  snapshot.unposed.clear();
   for (const auto& [id, marker] : map.markers()) {
-    if (!marker.T_w_m) continue;
+    const int views = static_cast<int>(map.viewsOf(id).size());
+    if (!marker.T_w_m) {
+      if (!slam::isPicture(id)) {
+        snapshot.unposed.push_back({id, marker.size_m, marker.state, views});
+      }
+      continue;
+    }
     auto& of_its_kind = slam::isPicture(id) ? snapshot.pictures : snapshot.markers;
-    of_its_kind.push_back({id, marker.size_m, *marker.T_w_m, marker.world_covariance});
+    of_its_kind.push_back({id, marker.size_m, *marker.T_w_m, marker.world_covariance,
+                           marker.other_T_w_m.has_value(), views});
   }
   reportMapSize(snapshot.markers.size(), snapshot.pictures.size());
   output_.map.publish();
