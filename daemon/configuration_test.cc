@@ -257,9 +257,9 @@ TEST(Configuration, ACameraAndWhatIsAskedOfIt) {
 
 TEST(Configuration, ErrorsNamePlaceKeyAndReason) {
   EXPECT_EQ(errorOf(kCamera + "ratehz = 3\n" + kSlam),
-            "/etc/w.toml:3:1: camera.ratehz: unknown key");
+            "/etc/w.toml:3:1: camera.ratehz: unknown key; did you mean camera.rate_hz?");
   EXPECT_EQ(errorOf(kCamera + kSlam + "[publisher]\nurl = 3\n"),
-            "/etc/w.toml:6:2: publisher: unknown key");
+            "/etc/w.toml:6:2: publisher: unknown key; did you mean publish?");
   EXPECT_EQ(errorOf(kCamera + "rate_hz = \"fast\"\n" + kSlam),
             "/etc/w.toml:3:11: camera.rate_hz: must be a number");
   EXPECT_EQ(errorOf(kCamera + kSlam + "[queue]\ndepth = 0\n"),

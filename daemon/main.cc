@@ -2,21 +2,23 @@
 // the Daemon (daemon.h), where the wiring is.
 #include <csignal>
 #include <cstdio>
-#include <cstdlib>
 #include <filesystem>
 #include <memory>
 #include <optional>
 #include <string>
 #include <string_view>
+#include <system_error>
 #include <utility>
 
 #include <CLI/CLI.hpp>
 #include <opencv2/core/utility.hpp>
 
+#include "base/image_view.h"
 #include "capture/libcamera/libcamera_source.h"
 #include "daemon/configuration.h"
 #include "daemon/control/control_server.h"
 #include "daemon/control/reload_signal.h"
+#include "daemon/control/socket_place.h"
 #include "daemon/daemon.h"
 #include "daemon/frames/camera_setup.h"
 #include "daemon/maps/map_keeper.h"
@@ -24,6 +26,7 @@
 #include "daemon/record/recorder_setup.h"
 #include "daemon/system/datagrams_only.h"
 #include "daemon/system/log.h"
+#include "io/text/number_text.h"
 
 namespace waymark::daemon {
 namespace {
@@ -32,19 +35,46 @@ namespace fs = std::filesystem;
 
 enum ExitCode { kDone = 0, kFault = 1, kBadInput = 2 };
 
-// Where systemd made a runtime directory for this service, the socket is in there.
-fs::path controlSocket(const Configuration& configuration) {
-  if (!configuration.control.socket.empty()) return configuration.control.socket;
-  const char* directory = std::getenv("RUNTIME_DIRECTORY");  // NOLINT(concurrency-mt-unsafe)
-  if (directory == nullptr || *directory == '\0') return {};
-  const std::string_view all = directory;  // with colons between several
-  return fs::path(all.substr(0, all.find(':'))) / "control.sock";
+// The one that is configured, or the service's; null where there is neither. A daemon that somebody
+// started by hand has one where `waymark ctl` looks for it, if that place is free: nobody asked for
+// it, and a second such daemon runs without.
+Result<std::unique_ptr<ControlServer>> openControl(const fs::path& wanted, const Log& log) {
+  if (!wanted.empty()) return ControlServer::open(wanted);
+  const fs::path place = userSocket();
+  if (place.empty()) return std::unique_ptr<ControlServer>();
+  std::error_code error;
+  fs::create_directory(place.parent_path(), error);
+  Result<std::unique_ptr<ControlServer>> opened = ControlServer::open(place);
+  if (opened) return opened;
+  log.info("no control socket: " + opened.error().message);
+  return std::unique_ptr<ControlServer>();
 }
 
-// Null where nobody wants a socket.
-Result<std::unique_ptr<ControlServer>> openControl(const fs::path& socket) {
-  if (socket.empty()) return std::unique_ptr<ControlServer>();
-  return ControlServer::open(socket);
+fs::path wantedSocket(const Configuration& configuration) {
+  return configuration.control.socket.empty() ? serviceSocket() : configuration.control.socket;
+}
+
+// What a good configuration comes to, in a few lines.
+std::string describe(const fs::path& file, const Configuration& configuration,
+                     const CameraSetup& camera) {
+  const slam::Calibration& lens = camera.calibration;
+  std::string text = file.string() + ": good\n";
+  text +=
+      "  camera   " + configuration.camera.source + ", " + sizeText(lens.width, lens.height) + "\n";
+  text += "  markers  " + configuration.slam.dictionary + ", " +
+          io::roundTrip(configuration.slam.options.markers.size_m) + " m\n";
+  text += "  publish  " + configuration.publish.url + ", channels " +
+          configuration.publish.channel_prefix + "...\n";
+  if (const fs::path socket = wantedSocket(configuration); !socket.empty()) {
+    text += "  control  " + socket.string() + "\n";
+  }
+  if (!configuration.slam.map.out.empty()) {
+    text += "  map      " + configuration.slam.map.out.string() + "\n";
+  }
+  if (!configuration.record.directory.empty()) {
+    text += "  record   " + configuration.record.directory.string() + "\n";
+  }
+  return text;
 }
 
 // Empty when all that was wanted was a check.
@@ -63,16 +93,17 @@ Result<std::optional<DaemonParts>> prepare(const fs::path& file, Configuration c
   if (const Status s = checkRecorder(configuration.record, camera->calibration); !s) {
     return s.error();
   }
-  const fs::path socket = controlSocket(configuration);
+  const fs::path socket = wantedSocket(configuration);
   if (check_only) {
     // A start would go on; whoever asks wants to know.
     if (!start->not_writable.empty()) return Error{start->not_writable};
     if (const Status s = ControlServer::checkPlace(socket); !s) return s.error();
+    std::fputs(describe(file, configuration, *camera).c_str(), stdout);
     return std::optional<DaemonParts>();
   }
   std::unique_ptr<Recorder> recorder =
       makeRecorder(configuration, file, camera->calibration, *start, *natural, log);
-  Result<std::unique_ptr<ControlServer>> control = openControl(socket);
+  Result<std::unique_ptr<ControlServer>> control = openControl(socket, log);
   if (!control) return control.error();
   return std::optional(DaemonParts{.configuration_file = file,
                                    .configuration = std::move(configuration),
@@ -119,7 +150,8 @@ int main(int argc, char** argv) {
   std::string configuration_file;
   bool check_only = false;
   app.add_option("--config", configuration_file, "Configuration file (TOML)")->required();
-  app.add_flag("--check", check_only, "Check the configuration and what it names, then exit");
+  app.add_flag("--check", check_only,
+               "Check the configuration and what it names, say what they come to, then exit");
   app.set_version_flag("--version", "waymarkd " WAYMARK_VERSION);
   try {
     app.parse(argc, argv);

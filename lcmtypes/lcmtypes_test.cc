@@ -45,8 +45,8 @@ TEST(LcmTypes, BotCoreHashesAreTheOnesSubscribersKnow) {
 
 // Subscribers built against another definition get nothing: a change is for CHANGELOG.md.
 TEST(LcmTypes, OurOwnHashesChangeOnPurposeOnly) {
-  EXPECT_EQ(static_cast<std::uint64_t>(pose_t::getHash()), 0xa3e50267be6a9996ULL);
-  EXPECT_EQ(static_cast<std::uint64_t>(map_t::getHash()), 0xf55078da357c3d51ULL);
+  EXPECT_EQ(static_cast<std::uint64_t>(pose_t::getHash()), 0x840f304d51f768bdULL);
+  EXPECT_EQ(static_cast<std::uint64_t>(map_t::getHash()), 0x5666fed92dc30047ULL);
 }
 
 TEST(LcmTypes, BotCorePixelFormatsSpellTheirCodes) {
@@ -170,6 +170,15 @@ TEST(LcmTypes, MapRoundTrip) {
   fill(a.markers[0].q_w_m, 10.0);
   fill(a.markers[0].covariance, 11.0);
   a.markers[0].map_piece = 12;
+  a.markers[0].state = marker_t::STATE_UNDECIDED;
+  a.markers[0].views = 12;
+  a.markers[0].sigma_m = 0.013;
+  a.unposed_count = 1;
+  a.unposed.resize(1);
+  a.unposed[0].id = 14;
+  a.unposed[0].size = 0.15;
+  a.unposed[0].state = unposed_marker_t::STATE_ELSEWHERE;
+  a.unposed[0].views = 16;
 
   const map_t b = throughTheWire(a);
   EXPECT_EQ(a.utime, b.utime);
@@ -188,6 +197,14 @@ TEST(LcmTypes, MapRoundTrip) {
   expectSame(a.markers[0].q_w_m, b.markers[0].q_w_m);
   expectSame(a.markers[0].covariance, b.markers[0].covariance);
   EXPECT_EQ(a.markers[0].map_piece, b.markers[0].map_piece);
+  EXPECT_EQ(a.markers[0].state, b.markers[0].state);
+  EXPECT_EQ(a.markers[0].views, b.markers[0].views);
+  EXPECT_EQ(a.markers[0].sigma_m, b.markers[0].sigma_m);
+  ASSERT_EQ(b.unposed.size(), 1u);
+  EXPECT_EQ(a.unposed[0].id, b.unposed[0].id);
+  EXPECT_EQ(a.unposed[0].size, b.unposed[0].size);
+  EXPECT_EQ(a.unposed[0].state, b.unposed[0].state);
+  EXPECT_EQ(a.unposed[0].views, b.unposed[0].views);
 }
 
 TEST(LcmTypes, HealthRoundTrip) {

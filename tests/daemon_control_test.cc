@@ -58,6 +58,47 @@ TEST_F(DaemonControlTest, StatusIsTheHealthAndMore) {
   EXPECT_EQ(file.st_mode & 0777, 0660U);
 }
 
+TEST_F(DaemonControlTest, AStatusForPeople) {
+  start(configuration());
+  const std::string table = printed({"status", "--table"});
+  for (const char* line : {"status      tracking\n", "camera      running\n", "frames/s, ",
+                           " markers, ", "recorder    not configured\n", "lost frames "}) {
+    EXPECT_NE(table.find(line), std::string::npos) << line << "\n" << table;
+  }
+  EXPECT_TRUE(Json::parse(printed({"status", "--json"})).contains("counters"));
+}
+
+// Nobody says where: a daemon started by hand, and whoever wants to talk to it, agree.
+TEST_F(DaemonControlTest, ADaemonStartedByHandIsFound) {
+  const fs::path runtime = directory_ / "runtime";
+  fs::create_directory(runtime);
+  const std::string set = "XDG_RUNTIME_DIR=" + runtime.string();
+  const auto asked = [&] { return runProgram({"env", set, WAYMARK_PROGRAM, "ctl", "status"}); };
+  if (fs::exists("/run/waymark/control.sock")) GTEST_SKIP() << "a service runs here";
+  const ProgramResult nobody = asked();
+  EXPECT_EQ(nobody.exit_code, 2);
+  EXPECT_NE(nobody.err.find("no daemon listens at /run/waymark/control.sock, " +
+                            (runtime / "waymark/control.sock").string()),
+            std::string::npos)
+      << nobody.err;
+
+  std::string text = configuration();
+  const std::string socket = "[control]\nsocket = 'control.sock'\n";
+  text.erase(text.find(socket), socket.size());
+  write(text);
+  const std::vector<std::string> command = {"env", set, WAYMARKD, "--config", file_.string()};
+  daemon_ = std::make_unique<Process>(command, directory_ / "stderr");
+  EXPECT_TRUE(eventually([&] { return asked().exit_code == 0; })) << said();
+  // Another one runs without.
+  Process second(command, directory_ / "second");
+  EXPECT_TRUE(eventually([&] {
+    return second.stderrText().find("no control socket: ") != std::string::npos;
+  })) << second.stderrText();
+  second.signal(SIGTERM);
+  EXPECT_EQ(second.wait(milliseconds(20'000)), 0) << second.stderrText();
+  EXPECT_EQ(asked().exit_code, 0) << "the first one goes on";
+}
+
 TEST_F(DaemonControlTest, TheMapIsSavedLoadedAndReset) {
   start(configuration());
   EXPECT_TRUE(printed({"save-map"}).starts_with(map_.string() + ": saved "));

@@ -236,9 +236,12 @@ TEST_F(DaemonTest, CheckReadsAndExits) {
   writeImages(1);
   std::vector<std::string> check = command(cameraSection(20.0) + kSlam);
   check.emplace_back("--check");
-  Process daemon(check, stderrFile());
+  Process daemon(check, stderrFile(), directory_ / "out");
   EXPECT_EQ(daemon.wait(milliseconds(20'000)), 0) << daemon.stderrText();
   EXPECT_EQ(daemon.stderrText(), "");
+  const std::string said = readFile(directory_ / "out");
+  EXPECT_TRUE(said.starts_with((directory_ / "waymarkd.toml").string() + ": good\n")) << said;
+  EXPECT_NE(said.find("  markers  4X4_50, 0.1 m"), std::string::npos) << said;
 }
 
 TEST_F(DaemonTest, CheckRefusesWhatAStartRefuses) {

@@ -70,6 +70,33 @@ TEST_F(EchoTest, WhatASubscriberGetsIsNearTheTruth) {
   EXPECT_LT(errors["ace_m"]["rms"].get<double>(), 0.03);
 }
 
+TEST_F(EchoTest, WithoutADaemonItSaysSo) {
+  const ProgramResult echoed =
+      runProgram({WAYMARK_PROGRAM, "echo", "--url", url_, "--duration", "3"});
+  EXPECT_EQ(echoed.exit_code, 3);
+  EXPECT_NE(echoed.err.find("waymark echo: nothing on WAYMARK_POSE at " + url_ +
+                            " for two seconds: is waymarkd running"),
+            std::string::npos)
+      << echoed.err;
+}
+
+TEST_F(EchoTest, PosesAsJson) {
+  const Process daemon(daemonCommand(), file("log"));
+  const ProgramResult echoed = echo({"--json"});
+  ASSERT_EQ(echoed.exit_code, 0) << echoed.err << daemon.stderrText();
+  std::istringstream lines(echoed.out);
+  int poses = 0;
+  for (std::string line; std::getline(lines, line);) {
+    const nlohmann::json pose = nlohmann::json::parse(line);
+    if (pose["status"] != "tracking") continue;
+    ++poses;
+    EXPECT_EQ(pose["p_w_c"].size(), 3U);
+    EXPECT_EQ(pose["q_w_c"].size(), 4U);
+    EXPECT_EQ(pose["covariance"].size(), 36U);
+  }
+  EXPECT_GT(poses, 20) << echoed.out;
+}
+
 // A marker is known worse in the world than by its own views: the larger number is the world's.
 TEST_F(EchoTest, SigmasAreOfTheWorldAndOfTheMarkersInView) {
   const Process daemon(daemonCommand(), file("log"));

@@ -112,6 +112,48 @@ TEST_F(WaymarkTool, BadUsageIsOneLine) {
   expectBadInput(run(video(), {{"--fps", "fast"}}), "--fps");
 }
 
+TEST_F(WaymarkTool, WhatWasProbablyMeant) {
+  expectBadInput(waymark({"calibrat"}),
+                 "'calibrat' is no command of waymark; did you mean "
+                 "calibrate? There are run, ");
+  expectBadInput(waymark({"ctl", "statsu"}), "'statsu' is no command of ctl; did you mean status?");
+  expectBadInput(waymark({"run", "a.avi", "--dictonary", "4X4_50"}),
+                 "'--dictonary' is no option of run; did you mean --dictionary?");
+  expectBadInput(waymark({"run", "a.avi", "--qwertyuiop=3"}),
+                 "'--qwertyuiop' is no option of run; --help lists them");
+  const auto meant = [&](const char* name, const char* family) {
+    expectBadInput(
+        run(video(), {{"--dictionary", name}}),
+        std::string(name) + "\" is not a known dictionary; did you mean " + family + "?");
+  };
+  meant("tag36h11", "APRILTAG_36h11");
+  meant("DICT_4X4_50", "4X4_50");
+  meant("aruco_mip_36h12", "ARUCO_MIP_36h12");
+  meant("DICT_APRILTAG_16H5", "APRILTAG_16h5");
+  meant("APRILTAG_36H12", "APRILTAG_36h11");
+  std::ofstream(directory_ / "w.toml") << "[slam]\ndictonary = '4X4_50'\n";
+  expectBadInput(run(video(), {{"--config", (directory_ / "w.toml").string()}}),
+                 "slam.dictonary: unknown key; did you mean slam.dictionary?");
+}
+
+TEST_F(WaymarkTool, NumbersInMessagesAreShort) {
+  for (const std::vector<std::string>& bad :
+       std::vector<std::vector<std::string>>{{"echo", "--count", "0"},
+                                             {"echo", "--count", "-3"},
+                                             {"run", video(), "--origin-marker", "-1"},
+                                             {"record", "v4l2:0", "--out", "o", "--exposure", "0"},
+                                             {"record", "v4l2:0", "--out", "o", "--width", "0"},
+                                             {"eval", "--limit-frames", "0"},
+                                             {"print", "--marker-size", "-1"},
+                                             {"ctl", "--timeout", "0", "status"}}) {
+    const ProgramResult result = waymark(bad);
+    EXPECT_EQ(result.exit_code, 2) << result.err;
+    EXPECT_LT(result.err.size(), 120U) << result.err;
+  }
+  expectBadInput(run(video(), {{"--marker-size", "123"}}),
+                 "must be a number of metres, from 0.001 to 100; 123 mm are 0.123");
+}
+
 TEST_F(WaymarkTool, NumbersThatAreNone) {
   expectBadInput(run(video(), {{"--fps", "1e-300"}}), "--fps: '1e-300' must be a number from ");
   expectBadInput(run(video(), {{"--fps", "nan"}}), "--fps");
@@ -231,6 +273,10 @@ TEST_F(WaymarkTool, NoMarkerAnywhereIsExitCodeThree) {
   EXPECT_EQ(statistics["frames"], 8);
   EXPECT_EQ(statistics["localized"], 0);
   EXPECT_TRUE(statistics["initialized_at_frame"].is_null());
+  EXPECT_EQ(statistics["verdict"]["grade"], "none");
+  EXPECT_NE(result.out.find("verdict: no pose in 8 frames\n"), std::string::npos) << result.out;
+  EXPECT_NE(result.out.find("  - there is no dark square in any frame"), std::string::npos);
+  EXPECT_NE(result.out.find("  - the images show nothing"), std::string::npos);
 }
 
 TEST_F(WaymarkTool, BadTrajectories) {
@@ -394,6 +440,52 @@ TEST_F(InterruptedRun, ABadImageAtTheEndCostsNoMoreThanItself) {
     EXPECT_EQ(std::count(lines.begin(), lines.end(), '\n'), 1 + 19) << every;
   }
   EXPECT_TRUE(fs::exists(directory_ / "out" / "map.json"));
+}
+
+TEST_F(InterruptedRun, TheVerdictIsGoodOrSaysWhatIsWrong) {
+  const ProgramResult good = run(images_.string(), options());
+  EXPECT_EQ(good.exit_code, 0) << good.err;
+  EXPECT_NE(good.out.find("\nverdict: good: a pose in 100.0 % of 20 frames, reprojection error "),
+            std::string::npos)
+      << good.out;
+  EXPECT_EQ(statistics()["verdict"]["grade"], "good");
+
+  std::vector<std::pair<std::string, std::string>> wrong = options();
+  wrong[1].second = "APRILTAG_36h11";
+  const ProgramResult other = run(images_.string(), wrong);
+  EXPECT_EQ(other.exit_code, 3) << other.err;
+  EXPECT_NE(other.out.find("squares decode as ARUCO_MIP_36h12"), std::string::npos) << other.out;
+  EXPECT_NE(other.out.find(": --dictionary ARUCO_MIP_36h12\n"), std::string::npos) << other.out;
+  EXPECT_NE(other.err.find("the results that were in "), std::string::npos) << other.err;
+  const fs::path kept = directory_ / "out" / "previous" / "stats.json";
+  EXPECT_EQ(nlohmann::json::parse(readFile(kept))["verdict"]["grade"], "good");
+
+  wrong = options();
+  wrong[2].second = "50";
+  const ProgramResult huge = run(images_.string(), wrong);
+  EXPECT_NE(huge.out.find("verdict: doubtful: "), std::string::npos) << huge.out;
+  EXPECT_NE(huge.out.find("--marker-size is the side of the black square in metres"),
+            std::string::npos)
+      << huge.out;
+}
+
+TEST_F(InterruptedRun, TheDoctorLooksAtImages) {
+  const ProgramResult good = waymark(
+      {"doctor", images_.string(), "--calibration", (directory_ / "walk" / "calib.yml").string()});
+  EXPECT_EQ(good.exit_code, 0) << good.err;
+  for (const char* finding :
+       {"good  times      20 frames at 10.0 Hz", "good  light ", "good  focus ",
+        "good  markers    ARUCO_MIP_36h12: ", "  motion     markers move by ",
+        "good  poses      a pose in 100.0 % of 20 frames"}) {
+    EXPECT_NE(good.out.find(finding), std::string::npos) << finding << "\n" << good.out;
+  }
+  const ProgramResult other = waymark({"doctor", images_.string(), "--dictionary", "4X4_50"});
+  EXPECT_NE(other.out.find("asked for was 4X4_50"), std::string::npos) << other.out;
+  const ProgramResult nothing = waymark({"doctor", video()});
+  EXPECT_EQ(nothing.exit_code, 3) << nothing.out << nothing.err;
+  EXPECT_NE(nothing.out.find("BAD   markers    none of any family"), std::string::npos);
+  expectBadInput(waymark({"doctor", "missing.avi"}), "missing.avi: no such file");
+  expectBadInput(waymark({"doctor", video(), "--dictionary", "5X5"}), "--dictionary: \"5X5\"");
 }
 
 TEST_F(InterruptedRun, ASignalEndsTheFramesAndNotTheResults) {

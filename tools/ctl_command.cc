@@ -5,14 +5,19 @@
 #include <filesystem>
 #include <memory>
 #include <string>
+#include <system_error>
 
 #include <CLI/CLI.hpp>
+#include <unistd.h>
 
+#include "daemon/control/socket_place.h"
 #include "io/calibrations/calibration_file.h"
 #include "io/text/json_node.h"
 #include "io/text/number_text.h"
 #include "tools/control_client.h"
 #include "tools/exit_code.h"
+#include "tools/number_arguments.h"
+#include "tools/status_table.h"
 
 namespace waymark::tools {
 namespace {
@@ -20,12 +25,14 @@ namespace {
 using io::Json;
 
 struct CtlOptions {
-  std::string socket = "/run/waymark/control.sock";
+  std::string socket;       // empty: where daemons usually listen
   double timeout_s = 60.0;  // a large map takes its time
   std::string file;
   bool force = false;  // in the place of one that is there
   std::string action;
   std::string level;
+  bool json = false;
+  bool table = false;
 };
 
 std::string listed(const Json& keys) {
@@ -34,17 +41,37 @@ std::string listed(const Json& keys) {
   return text.empty() ? "nothing" : text;
 }
 
+// Programs read pipes.
+bool wantsTable(const CtlOptions& options) {
+  return options.table || (!options.json && ::isatty(STDOUT_FILENO) == 1);
+}
+
 // What people want to know of a reply that is good.
-void print(const Json& request, Json reply) {
+void print(const CtlOptions& options, const Json& request, Json reply) {
   reply.erase("ok");
   if (request["command"] == "status") {
-    std::printf("%s\n", reply.dump(2).c_str());
+    const std::string text = wantsTable(options) ? statusTable(reply) : reply.dump(2) + "\n";
+    std::fputs(text.c_str(), stdout);
   } else if (request["command"] == "reload") {
     std::printf("applied: %s\nneeds a restart: %s\n", listed(reply["applied"]).c_str(),
                 listed(reply["needs_restart"]).c_str());
   } else if (reply.contains("result")) {
     std::printf("%s\n", reply["result"].get<std::string>().c_str());
   }
+}
+
+// The first usual place where there is a socket.
+Result<std::string> socketOf(const CtlOptions& options) {
+  if (!options.socket.empty()) return options.socket;
+  std::string places;
+  for (const std::filesystem::path& place : daemon::usualSockets()) {
+    std::error_code error;
+    if (std::filesystem::is_socket(place, error)) return place.string();
+    places += (places.empty() ? "" : ", ") + place.string();
+  }
+  return Error{"no daemon listens at " + places +
+               "; is waymarkd running? --socket names another place (control.socket of its "
+               "configuration)"};
 }
 
 // As the daemon's status has it.
@@ -71,8 +98,10 @@ ExitCode saveCalibration(const CtlOptions& options) {
   if (std::filesystem::exists(options.file, error) && !options.force) {
     return failed(options.file + ": is there already; --force takes its place", kBadInput);
   }
+  const Result<std::string> socket = socketOf(options);
+  if (!socket) return failed(socket.error().message, kBadInput);
   const auto timeout = std::chrono::milliseconds(static_cast<int>(1000.0 * options.timeout_s));
-  const Result<Json> reply = askDaemon(options.socket, {{"command", "status"}}, timeout);
+  const Result<Json> reply = askDaemon(*socket, {{"command", "status"}}, timeout);
   if (!reply) return failed(reply.error().message, kBadInput);
   const Json& lens = reply->at("lens");
   const slam::Calibration calibration = calibrationOf(lens);
@@ -85,8 +114,13 @@ ExitCode saveCalibration(const CtlOptions& options) {
 }
 
 ExitCode ask(const CtlOptions& options, const Json& request) {
+  const Result<std::string> socket = socketOf(options);
+  if (!socket) {
+    std::fprintf(stderr, "waymark ctl: %s\n", socket.error().message.c_str());
+    return kBadInput;
+  }
   const auto timeout = std::chrono::milliseconds(static_cast<int>(1000.0 * options.timeout_s));
-  const Result<Json> reply = askDaemon(options.socket, request, timeout);
+  const Result<Json> reply = askDaemon(*socket, request, timeout);
   if (!reply) {
     std::fprintf(stderr, "waymark ctl: %s\n", reply.error().message.c_str());
     return kBadInput;
@@ -96,7 +130,7 @@ ExitCode ask(const CtlOptions& options, const Json& request) {
     std::fprintf(stderr, "waymark ctl: %s\n", io::oneLine(reason).c_str());
     return kRejected;
   }
-  print(request, *reply);
+  print(options, request, *reply);
   return kDone;
 }
 
@@ -105,10 +139,11 @@ ExitCode ask(const CtlOptions& options, const Json& request) {
 void addCtlCommand(CLI::App& app, int* exit_code) {
   auto options = std::make_shared<CtlOptions>();
   CLI::App* ctl = app.add_subcommand("ctl", "Ask a running daemon, or tell it what to do");
-  ctl->add_option("--socket", options->socket, "The daemon's control socket")
-      ->capture_default_str();
+  ctl->add_option("--socket", options->socket,
+                  "The daemon's control socket; else the service's (/run/waymark/control.sock), or "
+                  "that of a daemon started by hand ($XDG_RUNTIME_DIR/waymark/control.sock)");
   ctl->add_option("--timeout", options->timeout_s, "Seconds to wait for the daemon's answer")
-      ->check(CLI::Range(0.1, 86400.0))
+      ->check(numberFrom(0.1, 86400.0))
       ->capture_default_str();
   ctl->require_subcommand(1);
   const auto add = [&](const char* name, const char* what, auto arguments) {
@@ -122,7 +157,10 @@ void addCtlCommand(CLI::App& app, int* exit_code) {
     return command;
   };
   const auto none = [](Json*) {};
-  add("status", "Print how the daemon is doing, as JSON", none);
+  CLI::App* status = add("status", "Print how the daemon is doing", none);
+  CLI::Option* json = status->add_flag("--json", options->json,
+                                       "As JSON, which is also what is written into a pipe");
+  status->add_flag("--table", options->table, "As a table, also into a pipe")->excludes(json);
   add("save-map", "Optimize the map and write it to slam.map_out", none);
   add("load-map", "Go on with another map", [options](Json* request) {
     // The daemon has a working directory of its own.

@@ -21,6 +21,7 @@
 #include "daemon/publish/lcm_link.h"
 #include "io/maps/map_file.h"
 #include "io/maps/map_picture.h"
+#include "io/text/json_node.h"
 #include "io/trajectory.h"
 #include "slam/geometry/transform.h"
 #include "tools/exit_code.h"
@@ -35,10 +36,13 @@
 namespace waymark::tools {
 namespace {
 
+constexpr std::int64_t kSilence_ns = 2'000'000'000;
+
 struct EchoOptions {
   std::string url = daemon::Configuration::Publish{}.url;
   std::string channel_prefix = daemon::Configuration::Publish{}.channel_prefix;
   bool tum = false;
+  bool json = false;
   bool from_start = false;
   bool sigma = false;
   bool stats = false;
@@ -66,6 +70,30 @@ void printSigma(const char* of_what, const double (&covariance)[36]) {
   const double rotation = std::max({covariance[21], covariance[28], covariance[35]});
   std::printf("  %s +- %.2f mm %.3f deg", of_what, 1e3 * std::sqrt(position),
               180.0 / std::numbers::pi * std::sqrt(rotation));
+}
+
+// One object a line, the message by its field names.
+void printJson(const pose_t& m) {
+  io::Json json = {{"utime", m.utime},
+                   {"monotonic_ns", m.monotonic_ns},
+                   {"sequence", m.sequence},
+                   {"status", daemon::statusName(m.status)},
+                   {"reason", m.reason},
+                   {"source", m.source},
+                   {"had_pose", m.had_pose != 0},
+                   {"last_pose_age_ns", m.last_pose_age_ns}};
+  if (m.source != pose_t::SOURCE_NONE) {
+    json["p_w_c"] = m.p_w_c;
+    json["q_w_c"] = m.q_w_c;
+    json["covariance"] = m.covariance;
+    json["view_covariance"] = m.view_covariance;
+    json["markers_used"] = m.markers_used;
+    json["reprojection_rms_px"] = m.reprojection_rms_px;
+    json["ambiguity_ratio"] = m.ambiguity_ratio;
+  }
+  json["latency_ns"] = m.latency_ns;
+  // Text from the network need not be UTF-8.
+  std::printf("%s\n", json.dump(-1, ' ', false, io::Json::error_handler_t::replace).c_str());
 }
 
 void printLine(const pose_t& m, bool with_sigma) {
@@ -112,6 +140,7 @@ class Echo {
   void receiveJoint(const lcm_recv_buf_t& buffer);
   void receiveHealth(const lcm_recv_buf_t& buffer);
   void print();
+  void tellSilence() const;
   [[nodiscard]] bool over(std::int64_t begin_ns) const;
   [[nodiscard]] Status writeFiles() const;
 
@@ -165,7 +194,12 @@ Result<ExitCode> Echo::run() {
   }
 
   const std::int64_t begin_ns = monotonicNs();
+  bool told = false;
   while (!stop.pending() && !over(begin_ns)) {
+    if (!told && stream_.messages() == 0 && monotonicNs() - begin_ns > kSilence_ns) {
+      told = true;
+      tellSilence();
+    }
     if (lcm_handle_timeout(lcm.get(), 20) < 0) {
       return Error{options_.url + ": receiving failed"};
     }
@@ -173,6 +207,14 @@ Result<ExitCode> Echo::run() {
   if (options_.stats) std::printf("%s", stream_.summary(options_.tum ? "# " : "").c_str());
   if (const Status written = writeFiles(); !written) return written.error();
   return stream_.localized() > 0 ? kDone : kNoPose;
+}
+
+// A daemon sends something every second, also without a camera.
+void Echo::tellSilence() const {
+  std::fprintf(stderr,
+               "waymark echo: nothing on %sPOSE at %s for two seconds: is waymarkd running, with "
+               "this URL and prefix (publish.url, publish.channel_prefix)? Waiting on\n",
+               options_.channel_prefix.c_str(), options_.url.c_str());
 }
 
 Status Echo::subscribe(lcm_t* lcm, const char* name, lcm_msg_handler_t handler) {
@@ -221,7 +263,9 @@ void Echo::receiveHealth(const lcm_recv_buf_t& buffer) {
 }
 
 void Echo::print() {
-  if (options_.tum) {
+  if (options_.json) {
+    printJson(pose_);
+  } else if (options_.tum) {
     if (pose_.source != pose_t::SOURCE_NONE && pose_.map_piece != tum_piece_) {
       tum_piece_ = pose_.map_piece;
       std::printf("# piece %d of the map, a world of its own\n", tum_piece_);
@@ -263,6 +307,8 @@ void addEchoCommand(CLI::App& app, int* exit_code) {
   auto options = std::make_shared<EchoOptions>();
   CLI::App* echo = app.add_subcommand("echo", "Print the poses that a running daemon publishes");
   echo->add_flag("--tum", options->tum, "Print poses as TUM lines: seconds, position, quaternion");
+  echo->add_flag("--json", options->json, "Print poses as JSON, one object a line")
+      ->excludes("--tum");
   echo->add_flag("--from-start", options->from_start,
                  "Times of --tum count from the first frame received, not from 1970");
   echo->add_flag("--sigma", options->sigma,
@@ -280,8 +326,7 @@ void addEchoCommand(CLI::App& app, int* exit_code) {
   echo->add_option("--url", options->url, "LCM URL")->capture_default_str();
   echo->add_option("--channel-prefix", options->channel_prefix, "Channels begin with this")
       ->capture_default_str();
-  echo->add_option("--count", options->count, "Stop after so many messages")
-      ->check(CLI::PositiveNumber);
+  echo->add_option("--count", options->count, "Stop after so many messages")->check(count());
   echo->add_option("--duration", options->duration_s, "Stop after so many seconds")
       ->check(duration());
   echo->callback([options, exit_code] {

@@ -222,7 +222,7 @@ void addOptions(CLI::App* command, EvalArguments* a) {
   command
       ->add_option("--limit-frames", a->limit_frames, "Frames that --limit adjusts, evenly spread")
       ->capture_default_str()
-      ->check(CLI::PositiveNumber);
+      ->check(count());
   command->add_option("--ignore", a->ignored_ids, "Marker ids to leave out of every measure");
   command->add_option("--skip", a->skipped,
                       "Seconds to leave out of the trajectories, BEGIN:END; may be repeated");

@@ -264,7 +264,7 @@ void addImport(CLI::App& map, int* exit_code) {
   command
       ->add_option("--size", arguments->size_m,
                    "Side of the markers, metres, where the file does not say")
-      ->check(CLI::PositiveNumber);
+      ->check(positiveNumber());
   command->add_option("out", arguments->out, "The map.json to write")->required();
   onCall(command, arguments, importMap, exit_code);
 }
@@ -285,7 +285,7 @@ void addMerge(CLI::App& map, int* exit_code) {
       ->add_option("--min-shared", arguments->options.min_agreeing,
                    "Shared markers that must agree")
       ->capture_default_str()
-      ->check(CLI::Range(2, 1'000'000));
+      ->check(wholeNumberFrom(2, 1'000'000));
   command->add_flag("--no-global", arguments->no_global, "No optimization of the merged map");
   onCall(command, arguments, merge, exit_code);
 }

@@ -6,6 +6,7 @@
 
 #include "io/settings/marker_ids.h"
 #include "io/text/number_text.h"
+#include "tools/number_arguments.h"
 
 namespace waymark::tools {
 namespace {
@@ -24,8 +25,12 @@ Status takeSizes(const MarkerArguments& arguments, slam::MarkerOptions* markers)
     const std::optional<double> size_m = io::parseDouble(arguments.marker_size);
     // As in the configuration.
     if (!size_m || !(*size_m >= 1e-3 && *size_m <= 100.0)) {
+      const std::string millimetres =
+          size_m && *size_m > 100.0
+              ? "; " + arguments.marker_size + " mm are " + io::roundTrip(1e-3 * *size_m)
+              : "";
       return Error{"--marker-size: '" + arguments.marker_size +
-                   "' must be a number of metres, from 0.001 to 100"};
+                   "' must be a number of metres, from 0.001 to 100" + millimetres};
     }
     markers->size_m = *size_m;
   }
@@ -61,7 +66,7 @@ void addMarkerArguments(CLI::App& command, MarkerArguments& arguments) {
   command
       .add_option("--origin-marker", arguments.origin_marker,
                   "The id of the marker whose frame is the world")
-      ->check(CLI::NonNegativeNumber);
+      ->check(wholeNumberFrom(0, 1'000'000));
   command.add_option("--config", arguments.config,
                      "Take the section [slam] of this configuration file (waymarkd's); the command "
                      "line wins");

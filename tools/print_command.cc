@@ -14,6 +14,7 @@
 #include "io/text/text_file.h"
 #include "tools/board_arguments.h"
 #include "tools/exit_code.h"
+#include "tools/number_arguments.h"
 #include "tools/printing/board_sheet.h"
 #include "tools/printing/marker_sheets.h"
 
@@ -52,6 +53,10 @@ Result<printing::PageOptions> pageOptions(const PageArguments& arguments) {
 
 Status requireOut(const PageArguments& arguments) {
   if (arguments.out.empty()) return Error{"--out is required"};
+  const std::string extension = std::filesystem::path(arguments.out).extension().string();
+  if (!extension.empty() && extension != ".pdf" && extension != ".PDF") {
+    return Error{"--out: '" + arguments.out + "' must end in .pdf: pages are written as PDF only"};
+  }
   return success();
 }
 
@@ -104,15 +109,15 @@ Outcome printBoard(const BoardSheetArguments& arguments) {
   if (!sheet) return sheet.error();
   const std::filesystem::path pdf = arguments.page.out;
   const std::filesystem::path description = std::filesystem::path(pdf).replace_extension(".toml");
-  if (description == pdf) return Error{"--out: must be a PDF's name, not " + pdf.string()};
   Status written = io::writeTextFile(description, formatBoardFile(*board));
   if (written) {
     written =
         io::writeTextFile(pdf, printing::formatPdf({*sheet}, calibration::describeBoard(*board)));
   }
   if (!written) return written.error();
-  return calibration::describeBoard(*board) + "; waymark calibrate --board " +
-         description.string() + "\n";
+  return calibration::describeBoard(*board) + "; then, with a camera or a recording of it:\n" +
+         "waymark calibrate v4l2:/dev/video0 --board " + description.string() +
+         " --out calibration\n";
 }
 
 void report(const Outcome& outcome, int* exit_code) {
@@ -128,7 +133,7 @@ void addPageArguments(CLI::App& command, PageArguments& arguments) {
       ->capture_default_str();
   command.add_option("--margin", arguments.margin_mm, "Left white at the edges, millimetres")
       ->capture_default_str()
-      ->check(CLI::Range(0.0, 1000.0));
+      ->check(numberFrom(0.0, 1000.0));
   command.add_option("--out", arguments.out, "The PDF to write");
 }
 
@@ -141,7 +146,7 @@ void addPrintCommand(CLI::App& app, int* exit_code) {
   print->add_option("--dictionary", markers->dictionary, "Marker dictionary, e.g. APRILTAG_36h11");
   print->add_option("--ids", markers->ids, "Which ones: 0-9,42");
   print->add_option("--marker-size", markers->marker_size_m, "Side of the black square, metres")
-      ->check(CLI::PositiveNumber);
+      ->check(positiveNumber());
   addPageArguments(*print, markers->page);
 
   CLI::App* const board_command = print->add_subcommand(

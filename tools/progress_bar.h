@@ -1,12 +1,25 @@
 // How far a long piece of work is, on a terminal. Silent everywhere else.
 #pragma once
 
+#include <cstddef>
 #include <cstdint>
 #include <functional>
 #include <optional>
 #include <string>
 
 namespace waymark::tools {
+
+struct Progress {
+  std::int64_t frames = 0;
+  std::int64_t total = 0;  // 0: nobody knows
+  double seconds = 0.0;    // since the first one
+  std::string more;        // what else there is to say
+  std::size_t columns = 80;
+};
+
+// The bar, the frames, how fast, and how long it will still take; cut to the terminal's width, as a
+// line that is broken cannot be drawn over. ASCII only.
+[[nodiscard]] std::string progressText(const Progress& progress);
 
 class ProgressBar {
  public:

@@ -210,31 +210,30 @@ void addRecordCommand(CLI::App& app, int* exit_code) {
   command->add_option("--fps", arguments->fps, "Frames a second")->check(frameRate());
   command->add_option("--duration", arguments->duration_s, "Seconds, from the first frame")
       ->check(duration());
-  CLI::Option* width =
-      command->add_option("--width", arguments->width, "Pixels")->check(CLI::PositiveNumber);
+  CLI::Option* width = command->add_option("--width", arguments->width, "Pixels")->check(count());
   CLI::Option* height =
-      command->add_option("--height", arguments->height, "Pixels")->check(CLI::PositiveNumber);
+      command->add_option("--height", arguments->height, "Pixels")->check(count());
   width->needs(height);
   height->needs(width);
   command->add_option("--format", arguments->format, "GREY, YUYV, MJPG, ...");
   command->add_option("--exposure", arguments->exposure_s, "Fixed exposure time, seconds")
-      ->check(CLI::PositiveNumber);
+      ->check(positiveNumber());
   command
       ->add_option("--jpeg-quality", arguments->record.jpeg_quality,
                    "Compress grey images with this quality, 1 to 100")
-      ->check(CLI::Range(1, 100));
+      ->check(wholeNumberFrom(1, 100));
   command
       ->add_option("--file-mib", arguments->record.file_mib,
                    "MiB of a file, then the next one begins")
-      ->check(CLI::Range(1, 1'000'000));
+      ->check(wholeNumberFrom(1, 1'000'000));
   command
       ->add_option("--quota-mib", arguments->record.quota_mib,
                    "MiB of all recordings in the directory; the oldest give way")
-      ->check(CLI::Range(1, 100'000'000));
+      ->check(wholeNumberFrom(1, 100'000'000));
   command
       ->add_option("--keep-free-mib", arguments->record.keep_free_mib,
                    "MiB of the disk, left to others")
-      ->check(CLI::Range(0, 100'000'000));
+      ->check(wholeNumberFrom(0, 100'000'000));
   command->add_flag("--quiet", arguments->quiet, "Say nothing but errors");
   command->callback([arguments, exit_code] {
     const Result<ExitCode> result = record(*arguments);

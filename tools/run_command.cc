@@ -30,6 +30,8 @@
 #include "slam/final_map.h"
 #include "slam/map/world_reference.h"
 #include "slam/slam.h"
+#include "tools/diagnosis/grey_image.h"
+#include "tools/diagnosis/run_verdict.h"
 #include "tools/exit_code.h"
 #include "tools/marker_arguments.h"
 #include "tools/natural/delayed_relocalizer.h"
@@ -37,6 +39,7 @@
 #include "tools/number_arguments.h"
 #include "tools/progress_bar.h"
 #include "tools/recorded_inputs.h"
+#include "tools/run_diagnosis.h"
 #include "tools/run_input.h"
 #include "tools/run_record.h"
 #include "tools/stage_timer.h"
@@ -181,6 +184,11 @@ Status addRecordedPictures(const std::string& source, std::vector<slam::PictureP
   return success();
 }
 
+// trajectory_2.tum and the like: an earlier run may have had more pieces.
+bool isTrajectory(const std::string& name) {
+  return name.starts_with("trajectory") && name.ends_with(".tum");
+}
+
 Result<RunSetup> prepare(const RunArguments& arguments) {
   Result<RecordedInputs> recorded = recordedInputs(arguments.source);
   if (!recorded) return recorded.error();
@@ -216,6 +224,7 @@ Result<RunSetup> prepare(const RunArguments& arguments) {
     Result<io::OutputDirectory> directory = io::OutputDirectory::open(arguments.out);
     if (!directory) return directory.error();
     output.emplace(std::move(directory).value());
+    output->keepEarlierIn("previous", isTrajectory);
   }
   RunSetup setup{slam::CameraModel(fitted.calibration),
                  *slam::Dictionary::byName(settings->dictionary),
@@ -346,7 +355,8 @@ Status writeOutputs(const slam::Slam& slam,
                                               .markers = io::posedMarkerCorners(map),
                                               .estimate = final_trajectories[map.piece],
                                               .truth = {},
-                                              .z_is_up = false}));
+                                              .z_is_up = false,
+                                              .photographs = setup.input->unorderedImages()}));
   Status written = output.commit();
   if (written) return written;
   output.add("stats.json", statistics(written.error().message));
@@ -439,6 +449,8 @@ Result<ExitCode> run(const RunArguments& arguments) {
       setup.input->endless() ? kCameraFrames : std::numeric_limits<std::size_t>::max();
   StageTimer timer(max_frames);
   RunRecord record(max_frames);
+  diagnosis::ImageSamples samples;
+  setup.input->setImageObserver([&](const ImageView& image) { samples.add(image); });
   const Result<std::string> incomplete =
       processAll(*setup.input, stop, slam, timer, setup.late.get(),
                  /*show_progress=*/!arguments.quiet, &record);
@@ -453,6 +465,8 @@ Result<ExitCode> run(const RunArguments& arguments) {
   if (setup.detections) {
     note(writeDetections(arguments.save_detections, record, setup.camera, *setup.detections));
   }
+  const diagnosis::Verdict verdict =
+      judgeRun(record, slam, setup.options.markers, setup.dictionary.name(), samples);
   slam::makeFinalMap(record.liveFrames(),
                      {.unordered_images = setup.input->unorderedImages(),
                       .optimize = !arguments.no_global,
@@ -464,13 +478,20 @@ Result<ExitCode> run(const RunArguments& arguments) {
   }
   if (setup.output) {
     const auto statistics = [&](const std::string& why) {
-      return record.statistics(slam, timer, setup.input->droppedLate(), why);
+      return record.statistics(slam, timer, setup.input->droppedLate(), why, verdict);
     };
     note(writeOutputs(slam, statistics, *incomplete, record, setup));
+    if (!arguments.quiet && !setup.output->earlier().empty()) {
+      std::fprintf(stderr, "the results that were in %s are in %s now\n", arguments.out.c_str(),
+                   setup.output->earlier().c_str());
+    }
   }
-  if (!arguments.quiet) printSummary(record, slam, timer);
+  if (!arguments.quiet) {
+    printSummary(record, slam, timer);
+    std::fputs(diagnosis::formatVerdict(verdict).c_str(), stdout);
+  }
   if (!complete) return kIncomplete;
-  return record.localized() > 0 ? kDone : kNoPose;
+  return verdict.grade == diagnosis::Verdict::Grade::kNone ? kNoPose : kDone;
 }
 
 void addCalibrationFit(CLI::App& command, slam::CalibrationFit& fit) {

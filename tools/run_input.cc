@@ -45,10 +45,12 @@ class FrameInput final : public RunInput {
       const slam::FrameResult result = slam.process(input, &timer);
       timer.endFrame();
       if (late != nullptr) late->look(input, result, slam.map());
+      if (observer_) observer_(frame->image());
       return std::optional<Step>({stamp.monotonic_ns - *first_ns_, result});
     }
   }
 
+  void setImageObserver(ImageObserver observer) override { observer_ = std::move(observer); }
   [[nodiscard]] const std::string& description() const override {
     return source_->info().description;
   }
@@ -69,6 +71,7 @@ class FrameInput final : public RunInput {
   std::unique_ptr<capture::FrameSource> source_;
   std::chrono::milliseconds silence_;  // of a camera, then it has failed
   std::optional<std::int64_t> first_ns_;
+  ImageObserver observer_;
 };
 
 class DetectionsInput final : public RunInput {

@@ -2,10 +2,12 @@
 #pragma once
 
 #include <cstdint>
+#include <functional>
 #include <memory>
 #include <optional>
 #include <string>
 
+#include "base/image_view.h"
 #include "base/result.h"
 #include "slam/geometry/calibration_fit.h"
 #include "slam/slam.h"
@@ -40,6 +42,9 @@ class RunInput {
   // for natural markers; that is not the SLAM's time.
   [[nodiscard]] virtual Result<std::optional<Step>> step(slam::Slam& slam, StageTimer& timer,
                                                          LateResults* late) = 0;
+  // Sees every image after its frame, in no time of the SLAM's. Before the first step().
+  using ImageObserver = std::function<void(const ImageView&)>;
+  virtual void setImageObserver(ImageObserver /*observer*/) {}
   // Natural markers can be looked for.
   [[nodiscard]] virtual bool hasImages() const { return true; }
 

@@ -88,6 +88,18 @@ double RunRecord::localizedPercent() const {
   return 100.0 * static_cast<double>(localized_) / static_cast<double>(frames());
 }
 
+std::map<slam::NoPoseReason, std::size_t> RunRecord::reasons() const {
+  std::map<slam::NoPoseReason, std::size_t> counts;
+  for (const LiveState& state : states_) {
+    if (state.reason != slam::NoPoseReason::kNone) ++counts[state.reason];
+  }
+  return counts;
+}
+
+double RunRecord::reprojectionRms_px() const {
+  return localized_ > 0 ? std::sqrt(squares_px2_ / static_cast<double>(localized_)) : 0.0;
+}
+
 std::vector<io::FramePose> RunRecord::livePoses() const {
   std::vector<io::FramePose> poses;
   poses.reserve(frames_.size());
@@ -135,7 +147,8 @@ std::vector<std::int64_t> RunRecord::loopClosedAt_ns(const slam::Counters& count
 }
 
 std::string RunRecord::statistics(const slam::Slam& slam, const StageTimer& timer,
-                                  std::uint64_t dropped_late, const std::string& incomplete) const {
+                                  std::uint64_t dropped_late, const std::string& incomplete,
+                                  const diagnosis::Verdict& verdict) const {
   const slam::Counters& counters = slam.counters();
   const Json none = nullptr;
   Json json;
@@ -153,8 +166,10 @@ std::string RunRecord::statistics(const slam::Slam& slam, const StageTimer& time
     json["loop_closed_at_s"].push_back(1e-9 * static_cast<double>(time_ns));
   }
   json["relocalizations"] = counters.relocalizations;
-  json["reprojection_rms_px"] =
-      localized_ > 0 ? Json(std::sqrt(squares_px2_ / static_cast<double>(localized_))) : none;
+  json["reprojection_rms_px"] = localized_ > 0 ? Json(reprojectionRms_px()) : none;
+  json["verdict"] = {{"grade", diagnosis::gradeName(verdict.grade)},
+                     {"text", verdict.text},
+                     {"advice", verdict.advice}};
   json["lens"] = lensOf(slam);
   Json others = Json::object();  // than those above
   for (const slam::NamedCounter& counter : slam::kCounters) {

@@ -4,6 +4,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <limits>
+#include <map>
 #include <optional>
 #include <span>
 #include <string>
@@ -13,6 +14,7 @@
 #include "io/recorded_detections.h"
 #include "slam/final_map.h"
 #include "slam/slam.h"
+#include "tools/diagnosis/run_verdict.h"
 #include "tools/stage_timer.h"
 
 namespace waymark::tools {
@@ -33,6 +35,8 @@ class RunRecord {
   // For the map's end (slam::makeFinalMap()), which may change their corners.
   [[nodiscard]] std::span<slam::LiveFrame> liveFrames() { return frames_; }
 
+  [[nodiscard]] std::span<const slam::LiveFrame> keptFrames() const { return frames_; }
+
   [[nodiscard]] std::size_t frames() const { return forgotten_ + frames_.size(); }
   // Of these the earliest, which are counted and in none of the following.
   [[nodiscard]] std::size_t forgotten() const { return forgotten_; }
@@ -44,6 +48,10 @@ class RunRecord {
   [[nodiscard]] std::vector<io::FramePose> livePoses() const;
   [[nodiscard]] std::vector<io::FramePose> finalPoses(const slam::Slam& slam,
                                                       bool unordered_images) const;
+  // Why frames had no pose, and how many of those kept each.
+  [[nodiscard]] std::map<slam::NoPoseReason, std::size_t> reasons() const;
+  // Root mean square of the poses' reprojection errors, pixels; 0 without poses.
+  [[nodiscard]] double reprojectionRms_px() const;
   // Every frame's detections, for replaying them.
   [[nodiscard]] std::vector<io::RecordedFrame> recordedFrames() const;
   // When each of all closed loops closed: the time of the frame; `counters` as they are at the end.
@@ -51,8 +59,8 @@ class RunRecord {
   // stats.json of the interface. `incomplete`: why there is more than these results tell; usually
   // empty.
   [[nodiscard]] std::string statistics(const slam::Slam& slam, const StageTimer& timer,
-                                       std::uint64_t dropped_late,
-                                       const std::string& incomplete) const;
+                                       std::uint64_t dropped_late, const std::string& incomplete,
+                                       const diagnosis::Verdict& verdict) const;
 
  private:
   std::size_t max_frames_;

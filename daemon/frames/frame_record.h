@@ -70,11 +70,20 @@ struct MapSnapshot {
     slam::Transform T_w_m;
     slam::Matrix6d covariance = slam::Matrix6d::Zero();  // in the world; zero where not known
     int map_piece = 0;                                   // whose world that is
+    bool undecided = false;                              // there is a second pose
+    int views = 0;                                       // keyframes that saw it
+  };
+  struct Unposed {
+    int id = -1;
+    double size_m = 0.0;
+    slam::MarkerState state = slam::MarkerState::kUnresolved;
+    int views = 0;
   };
 
   capture::FrameStamp stamp;  // of the frame after which the map was like this
   int keyframe_count = 0;
   std::vector<Marker> markers;   // squares
+  std::vector<Unposed> unposed;  // squares
   std::vector<Marker> pictures;  // natural markers; size_m is the width
 };
 

@@ -134,6 +134,7 @@ void SlamLoop::handOnMap(const capture::FrameStamp& stamp) {
   snapshot.keyframe_count = 0;
   snapshot.markers.clear();
   snapshot.pictures.clear();
+  snapshot.unposed.clear();
   const std::vector<const slam::Map*> pieces = slam_->pieces();
   for (const slam::Map* const piece : pieces) addTo(&snapshot, *piece);
   reportMapSize(snapshot, pieces.size());
@@ -144,9 +145,18 @@ void SlamLoop::handOnMap(const capture::FrameStamp& stamp) {
 void SlamLoop::addTo(MapSnapshot* snapshot, const slam::Map& piece) {
   snapshot->keyframe_count += static_cast<int>(piece.keyframes().size());
   for (const auto& [id, marker] : piece.markers()) {
-    if (!marker.T_w_m) continue;
+    const int views = static_cast<int>(piece.viewsOf(id).size());
+    if (!marker.T_w_m) {
+      // What is elsewhere has its place in another piece.
+      const bool nowhere = marker.state != slam::MarkerState::kElsewhere;
+      if (nowhere && !slam::isPicture(id)) {
+        snapshot->unposed.push_back({id, marker.size_m, marker.state, views});
+      }
+      continue;
+    }
     auto& of_its_kind = slam::isPicture(id) ? snapshot->pictures : snapshot->markers;
-    of_its_kind.push_back({id, marker.size_m, *marker.T_w_m, marker.world_covariance, piece.piece});
+    of_its_kind.push_back({id, marker.size_m, *marker.T_w_m, marker.world_covariance, piece.piece,
+                           marker.other_T_w_m.has_value(), views});
   }
 }
 

@@ -1,14 +1,48 @@
 #include "daemon/publish/messages.h"
 
 #include <algorithm>
+#include <cmath>
+#include <span>
+
+#include <Eigen/Eigenvalues>
 
 #include "daemon/publish/message_fields.h"
 
 namespace waymark::daemon {
 namespace {
 
-// 150 markers of 360 bytes: 54 kB, below the 60 kB above which messages get lost in the field.
-constexpr int kMarkersPerPiece = 150;
+// 140 markers of 369 bytes and as many without a pose, of 17: 54 kB, below the 60 kB above which
+// messages get lost in the field.
+constexpr std::size_t kMarkersPerPiece = 140;
+
+std::int8_t unposedState(slam::MarkerState state) {
+  switch (state) {
+    case slam::MarkerState::kQuarantined:
+      return unposed_marker_t::STATE_QUARANTINED;
+    case slam::MarkerState::kBanned:
+      return unposed_marker_t::STATE_REFUSED;
+    case slam::MarkerState::kElsewhere:
+      return unposed_marker_t::STATE_ELSEWHERE;
+    case slam::MarkerState::kUnresolved:
+    case slam::MarkerState::kMapped:
+      return unposed_marker_t::STATE_UNRESOLVED;
+  }
+  return unposed_marker_t::STATE_UNRESOLVED;
+}
+
+// Along the worst axis.
+double positionSigma(const slam::Matrix6d& covariance) {
+  const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> axes(covariance.topLeftCorner<3, 3>(),
+                                                            Eigen::EigenvaluesOnly);
+  return std::sqrt(std::max(0.0, axes.eigenvalues().maxCoeff()));
+}
+
+// What of a list belongs to a piece.
+template <typename T>
+std::span<const T> ofPiece(const std::vector<T>& all, std::size_t piece) {
+  const std::size_t begin = std::min(piece * kMarkersPerPiece, all.size());
+  return std::span(all).subspan(begin, std::min(kMarkersPerPiece, all.size() - begin));
+}
 
 std::int8_t status(slam::TrackingState state) {
   switch (state) {
@@ -141,14 +175,13 @@ void fillJoint(const slam::PieceEvent& event, const capture::FrameStamp& stamp, 
 }
 
 int mapPieceCount(const MapSnapshot& map) {
-  const int markers = static_cast<int>(map.markers.size());
-  return std::max(1, (markers + kMarkersPerPiece - 1) / kMarkersPerPiece);
+  const std::size_t most = std::max(map.markers.size(), map.unposed.size());
+  return static_cast<int>(
+      std::max<std::size_t>(1, (most + kMarkersPerPiece - 1) / kMarkersPerPiece));
 }
 
 void fillMapPiece(const MapSnapshot& map, const std::string& dictionary, std::int64_t revision,
                   int piece, map_t& message) {
-  const std::size_t begin = static_cast<std::size_t>(piece) * kMarkersPerPiece;
-  const std::size_t end = std::min(begin + kMarkersPerPiece, map.markers.size());
   message.utime = map.stamp.utime;
   message.monotonic_ns = map.stamp.monotonic_ns;
   message.revision = revision;
@@ -157,17 +190,30 @@ void fillMapPiece(const MapSnapshot& map, const std::string& dictionary, std::in
   message.dictionary = dictionary;
   message.marker_count = static_cast<std::int32_t>(map.markers.size());
   message.keyframe_count = map.keyframe_count;
-  message.count = static_cast<std::int32_t>(end - begin);
-  message.markers.resize(end - begin);
-  for (std::size_t i = begin; i < end; ++i) {
-    const MapSnapshot::Marker& marker = map.markers[i];
-    marker_t& out = message.markers[i - begin];
+  const auto markers = ofPiece(map.markers, static_cast<std::size_t>(piece));
+  message.count = static_cast<std::int32_t>(markers.size());
+  message.markers.resize(markers.size());
+  for (std::size_t i = 0; i < markers.size(); ++i) {
+    const MapSnapshot::Marker& marker = markers[i];
+    marker_t& out = message.markers[i];
     out.id = marker.id;
     out.size = marker.size_m;
     put(marker.T_w_m.p, out.p_w_m);
     put(marker.T_w_m.quaternion(), out.q_w_m);
     put(marker.covariance, out.covariance);
     out.map_piece = marker.map_piece;
+    out.state = marker.undecided ? marker_t::STATE_UNDECIDED : marker_t::STATE_MAPPED;
+    out.views = marker.views;
+    out.sigma_m = positionSigma(marker.covariance);
+  }
+  const auto unposed = ofPiece(map.unposed, static_cast<std::size_t>(piece));
+  message.unposed_count = static_cast<std::int32_t>(unposed.size());
+  message.unposed.resize(unposed.size());
+  for (std::size_t i = 0; i < unposed.size(); ++i) {
+    message.unposed[i].id = unposed[i].id;
+    message.unposed[i].size = unposed[i].size_m;
+    message.unposed[i].state = unposedState(unposed[i].state);
+    message.unposed[i].views = unposed[i].views;
   }
 }
 

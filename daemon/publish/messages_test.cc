@@ -152,7 +152,10 @@ TEST(MapMessage, LargeMapsComeInPiecesThatFitAndHoldEveryMarkerOnce) {
     map.keyframe_count = 3;
     slam::Matrix6d covariance = slam::Matrix6d::Zero();
     covariance(1, 2) = 0.25;
-    for (int i = 0; i < markers; ++i) map.markers.push_back({i, 0.1, someTransform(), covariance});
+    covariance(1, 1) = 0.04;
+    for (int i = 0; i < markers; ++i) {
+      map.markers.push_back({i, 0.1, someTransform(), covariance, i % 2 == 1, 7});
+    }
 
     std::set<int> ids;
     map_t message{};
@@ -170,10 +173,48 @@ TEST(MapMessage, LargeMapsComeInPiecesThatFitAndHoldEveryMarkerOnce) {
         EXPECT_TRUE(ids.insert(marker.id).second) << marker.id << " came twice";
         EXPECT_EQ(marker.p_w_m[2], someTransform().p.z());
         EXPECT_EQ(marker.covariance[8], 0.25) << "row 1, column 2";
+        EXPECT_EQ(marker.state,
+                  marker.id % 2 == 1 ? marker_t::STATE_UNDECIDED : marker_t::STATE_MAPPED);
+        EXPECT_EQ(marker.views, 7);
       }
     }
     EXPECT_EQ(static_cast<int>(ids.size()), markers);
   }
+}
+
+TEST(MapMessage, MarkersWithoutAPoseAreToldOf) {
+  using slam::MarkerState;
+  for (const int markers : {3, 1000}) {
+    MapSnapshot map;
+    map.markers.push_back({5000, 0.1, someTransform()});
+    const MarkerState states[] = {MarkerState::kUnresolved, MarkerState::kQuarantined,
+                                  MarkerState::kBanned, MarkerState::kElsewhere};
+    for (int i = 0; i < markers; ++i) map.unposed.push_back({i, 0.2, states[i % 4], i});
+    std::set<int> ids;
+    map_t message{};
+    for (int piece = 0; piece < mapPieceCount(map); ++piece) {
+      fillMapPiece(map, "ARUCO_ORIGINAL", 8, piece, message);
+      EXPECT_LT(message.getEncodedSize(), 60'000);
+      EXPECT_EQ(message.marker_count, 1);
+      EXPECT_EQ(message.count, piece == 0 ? 1 : 0);
+      for (const unposed_marker_t& marker : message.unposed) {
+        EXPECT_TRUE(ids.insert(marker.id).second) << marker.id << " came twice";
+        EXPECT_EQ(marker.size, 0.2);
+        EXPECT_EQ(marker.views, marker.id);
+        EXPECT_EQ(marker.state, marker.id % 4);
+      }
+    }
+    EXPECT_EQ(std::ssize(ids), markers);
+  }
+}
+
+TEST(MapMessage, SigmaIsThatOfTheWorstAxis) {
+  MapSnapshot map;
+  map.markers.push_back({1, 0.1, someTransform()});
+  map.markers.back().covariance.diagonal() << 1e-4, 4e-4, 1e-6, 9.0, 9.0, 9.0;
+  map_t message{};
+  fillMapPiece(map, "ARUCO_ORIGINAL", 1, 0, message);
+  EXPECT_NEAR(message.markers.front().sigma_m, 0.02, 1e-12);
 }
 
 slam::PicturePrint print(const std::string& name) {

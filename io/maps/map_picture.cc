@@ -298,8 +298,20 @@ std::string dot(const Eigen::Vector2d& at, std::string_view fill, std::string_vi
          std::string(fill) + "\" stroke=\"" + std::string(edge) + "\" stroke-width=\"2\"/>\n";
 }
 
+// The end of a long title says more than its beginning: it is a file's name.
+std::string shortened(const std::string& title, double width) {
+  constexpr double kCharacter = 11.5;  // of the bold font at this size, in the mean
+  const auto room = static_cast<std::size_t>(width / kCharacter);
+  if (title.size() <= room) return title;
+  std::size_t from = title.size() - room + 3;
+  // Not within a character of several bytes.
+  while (from < title.size() && (static_cast<unsigned char>(title[from]) & 0xC0U) == 0x80U) ++from;
+  return "..." + title.substr(from);
+}
+
 std::string header(const Projection& project, const MapPicture& picture) {
-  return text({kMargin, 30.0}, picture.title, 18.0, kInk, "font-weight=\"600\"") +
+  const std::string title = shortened(picture.title, project.width() - 2.0 * kMargin);
+  return text({kMargin, 30.0}, title, 18.0, kInk, "font-weight=\"600\"") +
          text({kMargin, 50.0},
               std::to_string(picture.markers.size()) + " markers, " +
                   std::to_string(picture.estimate.size()) + " poses; " + project.axesText(),
@@ -317,7 +329,10 @@ std::string footer(const Projection& project, const MapPicture& picture) {
     x += 100.0;
   };
   if (!picture.truth.empty()) entry("truth", kTruth, 5.0);
-  if (!picture.estimate.empty()) {
+  if (picture.photographs) {
+    svg +=
+        dot({x + 6.0, y - 4.0}, kEstimate, kEstimate) + text({x + 17.0, y}, "camera", 12.0, kInk);
+  } else if (!picture.estimate.empty()) {
     entry("estimate", kEstimate, 2.0);
     svg += dot({x + 6.0, y - 4.0}, "#ffffff", kEstimate) + text({x + 17.0, y}, "start", 12.0, kInk);
     svg += dot({x + 71.0, y - 4.0}, kEstimate, kEstimate) + text({x + 82.0, y}, "end", 12.0, kInk);
@@ -344,7 +359,11 @@ std::string formatMapPicture(const MapPicture& picture) {
   if (!picture.truth.empty()) svg += trajectoryPath(project, picture.truth, kTruth, 5.0);
   LabelPlaces labels;
   for (const MarkerCorners& marker : picture.markers) svg += markerShape(project, marker, labels);
-  if (!picture.estimate.empty()) {
+  if (picture.photographs) {
+    for (const StampedPose& pose : picture.estimate) {
+      svg += dot(project(pose.T_w_c.p), kEstimate, kEstimate);
+    }
+  } else if (!picture.estimate.empty()) {
     svg += trajectoryPath(project, picture.estimate, kEstimate, 2.0);
     svg += dot(project(picture.estimate.front().T_w_c.p), "#ffffff", kEstimate);
     svg += dot(project(picture.estimate.back().T_w_c.p), kEstimate, kEstimate);

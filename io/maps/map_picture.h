@@ -20,6 +20,8 @@ struct MapPicture {
   // How the world is drawn upright: with z up (a surveyed world), else as the camera that it began
   // with saw it (y down, z forward).
   bool z_is_up = false;
+  // The estimate is of photographs, in no order: nobody went from one to the next.
+  bool photographs = false;
 };
 
 // SVG: markers with their ids and the direction they face, trajectories with their gaps, a grid, a

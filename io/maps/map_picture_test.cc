@@ -48,6 +48,24 @@ TEST(MapPicture, ChoosesTheAxesOfLargestExtent) {
   EXPECT_NE(formatMapPicture(picture).find("x to the right, z up"), std::string::npos);
 }
 
+TEST(MapPicture, PhotographsAreNotJoined) {
+  MapPicture picture = sample();
+  picture.photographs = true;
+  const std::string svg = formatMapPicture(picture);
+  EXPECT_EQ(count(svg, "<path"), 0U);
+  EXPECT_EQ(count(svg, "<circle"), 10U + 1U) << "and one in the legend";
+  EXPECT_EQ(count(svg, ">end<"), 0U);
+}
+
+TEST(MapPicture, LongTitlesStayOnThePage) {
+  MapPicture picture = sample();
+  picture.title = std::string(300, 'd') + "/frames.avi, 640x480";
+  const std::string svg = formatMapPicture(picture);
+  EXPECT_EQ(svg.find(picture.title), std::string::npos);
+  EXPECT_NE(svg.find(">..."), std::string::npos);
+  EXPECT_NE(svg.find("d/frames.avi, 640x480</text>"), std::string::npos);
+}
+
 TEST(MapPicture, OfNothingIsStillAPicture) {
   const std::string svg =
       formatMapPicture({.title = "empty", .markers = {}, .estimate = {}, .truth = {}});

@@ -9,6 +9,7 @@
 #define TOML_EXCEPTIONS 0
 #include <toml++/toml.h>
 
+#include "io/text/closest_word.h"
 #include "io/text/number_text.h"
 
 namespace waymark::io {
@@ -97,7 +98,7 @@ class SettingsReader {
         }
         if (Status read = readSetting(*setting, node); !read) return read;
       } else if (!isSection(key)) {
-        return at(file_, key_token.source().begin, where_ + key + ": unknown key");
+        return at(file_, key_token.source().begin, where_ + key + ": unknown key" + meant(key));
       } else if (!node.is_table()) {
         return at(file_, node.source().begin, where_ + key + ": must be a section");
       } else if (Status status = readTable(*node.as_table(), key + ".", {}); !status) {
@@ -139,6 +140,20 @@ class SettingsReader {
       if (Status complete = reader.checkRequired(table); !complete) return complete;
     }
     return success();
+  }
+
+  // Of a key that is none: the key or section that it may have been meant to be, for the message.
+  [[nodiscard]] std::string meant(const std::string& key) const {
+    std::vector<std::string> known;
+    for (const Setting& setting : settings_) {
+      if (!setting.renamed_to.empty()) continue;
+      known.push_back(setting.key);
+      for (auto dot = setting.key.find('.'); dot != setting.key.npos;
+           dot = setting.key.find('.', dot + 1)) {
+        known.push_back(setting.key.substr(0, dot));
+      }
+    }
+    return didYouMean(key, known);
   }
 
   [[nodiscard]] bool isSection(const std::string& key) const {

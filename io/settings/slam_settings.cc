@@ -2,12 +2,14 @@
 
 #include <algorithm>
 #include <array>
+#include <cctype>
 #include <iterator>
 #include <string_view>
 #include <utility>
 
 #include "io/settings/marker_ids.h"
 #include "io/settings/pose_settings.h"
+#include "io/text/closest_word.h"
 #include "io/text/text_file.h"
 #include "slam/detection/codes/dictionary.h"
 
@@ -128,15 +130,39 @@ constexpr std::array<std::string_view, 10> kOtherSections = {
     "body",    "camera", "control",  "log",    "natural",
     "publish", "queue",  "realtime", "record", "relocalizer"};
 
+// A family's name without what programs write differently: "tag36h11", "DICT_APRILTAG_36h11" and
+// "36h11" are one.
+std::string plainFamily(std::string_view name) {
+  std::string plain;
+  for (const char c : name) {
+    if (std::isalnum(static_cast<unsigned char>(c)) == 0) continue;
+    plain += static_cast<char>(std::tolower(static_cast<unsigned char>(c)));
+  }
+  for (const std::string_view prefix : {"dict", "april", "tag"}) {
+    if (plain.starts_with(prefix)) plain.erase(0, prefix.size());
+  }
+  return plain;
+}
+
+std::string meantDictionary(const std::string& name, const std::vector<std::string>& known) {
+  const std::string plain = plainFamily(name);
+  for (const std::string& other : known) {
+    if (plain == plainFamily(other)) return "; did you mean " + other + "?";
+  }
+  return didYouMean(name, known);
+}
+
 }  // namespace
 
 ValidationError validateDictionary(const std::string& name) {
+  const std::vector<std::string> names = slam::Dictionary::names();
   std::string known;
-  for (const std::string& other : slam::Dictionary::names()) {
+  for (const std::string& other : names) {
     if (other == name) return {};
     known += " " + other;
   }
-  return "\"" + name + "\" is not a known dictionary; known are" + known;
+  return "\"" + name + "\" is not a known dictionary" + meantDictionary(name, names) +
+         "; known are" + known;
 }
 
 std::string foreignMarkersReason(const SlamSettings& settings) {

@@ -85,7 +85,8 @@ TEST(SlamSettings, ErrorsNameThePlace) {
     ASSERT_FALSE(s) << text;
     EXPECT_TRUE(s.error().message.ends_with(end)) << s.error().message;
   };
-  ends("[slam]\nmarker_size = 1\n", "w.toml:2:1: slam.marker_size: unknown key");
+  ends("[slam]\nmarker_size = 1\n",
+       "w.toml:2:1: slam.marker_size: unknown key; did you mean slam.marker_size_m?");
   ends("[slam]\nmarker_size_m = 'a'\n", "w.toml:2:17: slam.marker_size_m: must be a number");
   ends("[slam.keyframes]\nviews_per_marker = 7\n",
        "w.toml:2:1: slam.keyframes.views_per_marker is now slam.mapper.keyframes.views_per_marker");
@@ -111,7 +112,7 @@ TEST(SlamSettings, ErrorsNameThePlace) {
   ends(anchor + "q_wxyz = [1, 0, 0, nan]\n", "q_wxyz: must be a list of 4 numbers");
   ends(anchor + "q_wxyz = [1, 0, 0, 1]\n", "slam.markers.anchors.q_wxyz: must have length 1");
   ends(anchor + "q_wxyz = [1, 0, 0, 0]\nsigma_m = 0\n", "must be from 1e-06 to 100 m, not 0");
-  ends("[slams]\n", "w.toml:1:2: slams: unknown key");
+  ends("[slams]\n", "w.toml:1:2: slams: unknown key; did you mean slam?");
   EXPECT_EQ(readSlamSettings("/nowhere/w.toml").error().message,
             "/nowhere/w.toml: cannot be read: No such file or directory");
 }

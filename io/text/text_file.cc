@@ -1,5 +1,6 @@
 #include "io/text/text_file.h"
 
+#include <algorithm>
 #include <cerrno>
 #include <optional>
 #include <system_error>
@@ -205,7 +206,10 @@ Result<OutputDirectory> OutputDirectory::open(const fs::path& path) {
 OutputDirectory::OutputDirectory(OutputDirectory&& other) noexcept
     : path_(std::move(other.path_)),
       created_(std::exchange(other.created_, {})),
-      files_(std::move(other.files_)) {}
+      files_(std::move(other.files_)),
+      keep_in_(std::move(other.keep_in_)),
+      belongs_(std::move(other.belongs_)),
+      earlier_(std::move(other.earlier_)) {}
 
 OutputDirectory::~OutputDirectory() {
   for (auto directory = created_.rbegin(); directory != created_.rend(); ++directory) {
@@ -222,6 +226,43 @@ void OutputDirectory::add(std::string name, std::string content) {
   files_.emplace_back(std::move(name), std::move(content));
 }
 
+void OutputDirectory::keepEarlierIn(std::string name,
+                                    std::function<bool(const std::string&)> belongs) {
+  keep_in_ = std::move(name);
+  belongs_ = std::move(belongs);
+}
+
+Status OutputDirectory::moveEarlier() {
+  if (keep_in_.empty()) return success();
+  std::vector<std::string> moving;
+  std::error_code error;
+  for (const fs::directory_entry& entry : fs::directory_iterator(path_, error)) {
+    const std::string name = entry.path().filename().string();
+    const bool ours = std::ranges::any_of(files_, [&](const auto& f) { return f.first == name; });
+    // Through a link somebody has chosen another place.
+    if ((ours || belongs_(name)) && fs::is_regular_file(entry.symlink_status(error))) {
+      moving.push_back(name);
+    }
+  }
+  if (moving.empty()) return success();
+  const fs::path place = path_ / keep_in_;
+  if (::mkdir(place.c_str(), 0777) != 0 && errno != EEXIST) {
+    return systemError(place, "earlier results cannot be moved there");
+  }
+  for (const fs::directory_entry& entry : fs::directory_iterator(place, error)) {
+    const std::string name = entry.path().filename().string();
+    const bool ours = std::ranges::any_of(files_, [&](const auto& f) { return f.first == name; });
+    if (ours || belongs_(name)) ::unlink(entry.path().c_str());
+  }
+  for (const std::string& name : moving) {
+    if (::rename((path_ / name).c_str(), (place / name).c_str()) != 0) {
+      return systemError(place / name, "earlier results cannot be moved there");
+    }
+  }
+  earlier_ = place;
+  return success();
+}
+
 Status OutputDirectory::commit() {
   std::vector<PendingFile> pending;
   pending.reserve(files_.size());
@@ -229,6 +270,7 @@ Status OutputDirectory::commit() {
     pending.emplace_back(path_ / name);
     if (Status written = pending.back().write(content); !written) return written;
   }
+  if (Status moved = moveEarlier(); !moved) return moved;
   for (PendingFile& file : pending) {
     if (Status published = file.publish(); !published) return published;
   }
@@ -239,6 +281,10 @@ Status OutputDirectory::commit() {
 
 std::vector<std::string> OutputDirectory::commitWhatFits() {
   std::vector<std::string> missing;
+  if (!moveEarlier()) {
+    for (const auto& [name, content] : files_) missing.push_back(name);
+    return missing;
+  }
   for (const auto& [name, content] : files_) {
     PendingFile file(path_ / name);
     if (!file.write(content) || !file.publish()) missing.push_back(name);

@@ -3,6 +3,7 @@
 
 #include <cstddef>
 #include <filesystem>
+#include <functional>
 #include <limits>
 #include <string>
 #include <string_view>
@@ -44,6 +45,13 @@ class OutputDirectory {
   [[nodiscard]] const std::filesystem::path& path() const { return path_; }
   // Replaces what was added under that name.
   void add(std::string name, std::string content);
+  // Results that are there already are not overwritten: before the new ones get their names, files
+  // of the same names, and those that `belongs` says, move to the directory `name` in this one, in
+  // place of what was moved there before.
+  void keepEarlierIn(std::string name, std::function<bool(const std::string&)> belongs);
+  // Where they are now; empty when there were none.
+  [[nodiscard]] const std::filesystem::path& earlier() const { return earlier_; }
+
   // Every file is complete on disk before the first one gets its name.
   [[nodiscard]] Status commit();
   // After a commit() that failed, as the disk is full: each file that can be written, in the order
@@ -52,10 +60,14 @@ class OutputDirectory {
 
  private:
   explicit OutputDirectory(std::filesystem::path path) : path_(std::move(path)) {}
+  [[nodiscard]] Status moveEarlier();
 
   std::filesystem::path path_;
   std::vector<std::filesystem::path> created_;  // directories, outermost first; removed if unused
   std::vector<std::pair<std::string, std::string>> files_;  // name, content
+  std::string keep_in_;                                     // empty: earlier files are replaced
+  std::function<bool(const std::string&)> belongs_;
+  std::filesystem::path earlier_;
 };
 
 }  // namespace waymark::io

@@ -2,6 +2,7 @@
 
 #include <cstdint>
 #include <filesystem>
+#include <fstream>
 #include <string>
 #include <vector>
 
@@ -164,6 +165,37 @@ TEST(OutputDirectory, WritesAllOnCommit) {
   EXPECT_EQ(readTextFile(directory / "a" / "b" / "one").value(), "1");
   EXPECT_EQ(readTextFile(directory / "a" / "b" / "two").value(), "2");
   EXPECT_EQ(entries(directory / "a" / "b"), 2U);
+}
+
+TEST(OutputDirectory, EarlierResultsAreKeptOnce) {
+  const TemporaryDirectory directory;
+  const auto write = [&](const std::string& content, const std::vector<std::string>& names) {
+    Result<OutputDirectory> output = OutputDirectory::open(directory.path());
+    ASSERT_TRUE(output) << output.error().message;
+    output->keepEarlierIn("previous", [](const std::string& n) { return n.starts_with("part"); });
+    for (const std::string& name : names) output->add(name, content);
+    const Status written = output->commit();
+    ASSERT_TRUE(written) << written.error().message;
+  };
+  std::ofstream(directory / "notes.txt") << "mine";
+  write("one", {"map", "part1", "part2"});
+  EXPECT_FALSE(fs::exists(directory / "previous")) << "there was nothing to keep";
+  write("two", {"map", "part1"});
+  EXPECT_EQ(*readTextFile(directory / "map"), "two");
+  EXPECT_FALSE(fs::exists(directory / "part2")) << "of the results before";
+  EXPECT_EQ(*readTextFile(directory / "previous" / "map"), "one");
+  EXPECT_EQ(*readTextFile(directory / "previous" / "part2"), "one");
+  write("three", {"map"});
+  EXPECT_EQ(*readTextFile(directory / "previous" / "map"), "two");
+  EXPECT_FALSE(fs::exists(directory / "previous" / "part2"));
+  EXPECT_EQ(*readTextFile(directory / "notes.txt"), "mine");
+
+  fs::remove(directory / "map");
+  std::ofstream(directory / "elsewhere") << "old";
+  fs::create_symlink("elsewhere", directory / "map");
+  write("four", {"map"});
+  EXPECT_TRUE(fs::is_symlink(directory / "map"));
+  EXPECT_EQ(*readTextFile(directory / "elsewhere"), "four");
 }
 
 TEST(OutputDirectory, WithoutCommitNothingIsLeft) {

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
+#include <string>
 
 namespace waymark::printing {
 namespace {
@@ -36,6 +37,41 @@ Tiling tilingOf(int cells, const MarkerSheetOptions& options, const PageOptions&
   t.columns = static_cast<int>(std::max(0.0, (area.width + kRounding_mm) / t.width_mm));
   t.rows = static_cast<int>(std::max(0.0, (area.height + kRounding_mm) / t.height_mm));
   return t;
+}
+
+// The largest side of which at least one fits on the page, whole millimetres; 0: none.
+double largestSide_mm(int cells, MarkerSheetOptions options, const PageOptions& page) {
+  PageOptions turned = page;
+  turned.paper = page.paper.turned();
+  double largest = 0.0;
+  for (double side_mm = 1.0; side_mm <= page.paper.height_mm; side_mm += 1.0) {
+    options.marker_size_m = 1e-3 * side_mm;
+    const bool fits = tilingOf(cells, options, page).perPage() > 0 ||
+                      tilingOf(cells, options, turned).perPage() > 0;
+    if (fits) largest = side_mm;
+  }
+  return largest;
+}
+
+// What else would take a marker of that side; empty when nothing of these does.
+std::string whatWouldHelp(int cells, const MarkerSheetOptions& options) {
+  constexpr double kNarrowMargin_mm = 5.0;  // most printers can
+  const double wanted_mm = 1000.0 * options.marker_size_m;
+  PageOptions page = options.page;
+  if (page.margin_mm > kNarrowMargin_mm) {
+    page.margin_mm = kNarrowMargin_mm;
+    if (largestSide_mm(cells, options, page) >= wanted_mm) {
+      return "; --margin " + millimetres(kNarrowMargin_mm) + " would do";
+    }
+  }
+  page.margin_mm = options.page.margin_mm;
+  for (const char* larger : {"a4", "a3", "a2", "a1", "a0"}) {
+    page.paper = *paperFromText(larger);
+    if (largestSide_mm(cells, options, page) >= wanted_mm) {
+      return "; --page " + std::string(larger) + " would do";
+    }
+  }
+  return {};
 }
 
 // The longest of some texts that fits; the last one is shrunk until it does.
@@ -135,7 +171,9 @@ Result<std::vector<PdfPage>> markerSheets(const slam::Dictionary& dictionary,
                  " mm with its white border and caption " + "takes " +
                  millimetres(std::ceil(t.width_mm)) + "x" + millimetres(std::ceil(t.height_mm)) +
                  " mm, the page has room for " + millimetres(std::floor(area.width)) + "x" +
-                 millimetres(std::floor(area.height))};
+                 millimetres(std::floor(area.height)) + ": " +
+                 millimetres(largestSide_mm(dictionary.cells(), options, options.page)) +
+                 " mm at most" + whatWouldHelp(dictionary.cells(), options)};
   }
   std::vector<PdfPage> pages;
   for (std::size_t first = 0; first < options.ids.size(); first += t.perPage()) {

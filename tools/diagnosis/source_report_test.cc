@@ -1,0 +1,80 @@
+#include "tools/diagnosis/source_report.h"
+
+#include <string>
+#include <vector>
+
+#include <gtest/gtest.h>
+
+namespace waymark::diagnosis {
+namespace {
+
+using Level = Finding::Level;
+
+std::vector<std::int64_t> even(int frames, std::int64_t period_ns) {
+  std::vector<std::int64_t> times;
+  for (int i = 0; i < frames; ++i) times.push_back(i * period_ns);
+  return times;
+}
+
+bool says(const Finding& finding, const std::string& what) {
+  return finding.text.find(what) != std::string::npos;
+}
+
+TEST(SourceReport, EvenTimesAreGood) {
+  const Finding finding = timesFinding(even(100, 10'000'000), 100.0);
+  EXPECT_EQ(finding.level, Level::kGood);
+  EXPECT_EQ(formatFinding(finding),
+            "good  times      100 frames at 100.0 Hz, 95 % within 0.0 ms of it\n");
+}
+
+TEST(SourceReport, GapsJitterAndSlowCameras) {
+  std::vector<std::int64_t> times = even(100, 10'000'000);
+  times.erase(times.begin() + 50);
+  EXPECT_TRUE(says(timesFinding(times, 100.0), "1 gaps, the longest of 20 ms"));
+  times = even(100, 10'000'000);
+  for (std::size_t i = 0; i < times.size(); i += 3) times[i] += 4'000'000;
+  EXPECT_TRUE(says(timesFinding(times, 100.0), "uneven"));
+  EXPECT_TRUE(says(timesFinding(even(100, 66'000'000), 30.0), "30 Hz are promised"));
+  times = even(10, 10'000'000);
+  times[5] = times[4];
+  EXPECT_EQ(timesFinding(times, 0.0).level, Level::kBad);
+  EXPECT_EQ(timesFinding(even(2, 1), 0.0).level, Level::kNote);
+}
+
+TEST(SourceReport, LightAndFocus) {
+  ImageQuality quality{.dark = 20, .median = 90, .bright = 220, .edge_width_px = 2.2};
+  for (const Finding& finding : qualityFindings(quality)) EXPECT_EQ(finding.level, Level::kGood);
+  quality.edge_width_px = 9.0;
+  auto found = qualityFindings(quality);
+  EXPECT_EQ(found.at(0).level, Level::kGood);
+  EXPECT_EQ(found.at(1).level, Level::kBad);
+  quality.bright = 30;
+  found = qualityFindings(quality);
+  EXPECT_EQ(found.at(0).level, Level::kBad);
+  EXPECT_TRUE(says(found.at(1), "sharp"));
+}
+
+TEST(SourceReport, Families) {
+  const FamilyCount april{
+      .dictionary = "APRILTAG_36h11", .markers = 40, .images = 8, .ids = {1, 2}};
+  const FamilyCount other{.dictionary = "4X4_50", .markers = 3, .images = 1, .ids = {1}};
+  auto found = familyFindings(std::vector{april, other}, {}, 8, "APRILTAG_36h11");
+  ASSERT_EQ(found.size(), 2U);
+  EXPECT_EQ(found[0].level, Level::kGood);
+  EXPECT_EQ(found[1].level, Level::kNote);
+  found = familyFindings(std::vector{april}, {}, 8, "4X4_50");
+  EXPECT_EQ(found[0].level, Level::kBad);
+  EXPECT_TRUE(says(found[0], "asked for was 4X4_50"));
+  EXPECT_TRUE(says(familyFindings({}, {.mirrored = april}, 8, "")[0], "mirrored"));
+  EXPECT_TRUE(says(familyFindings({}, {.inverted = april}, 8, "")[0], "white on black"));
+  EXPECT_TRUE(says(familyFindings({}, {}, 8, "")[0], "none of any family in 8 images"));
+}
+
+TEST(SourceReport, Motion) {
+  EXPECT_EQ(motionFinding({}).level, Level::kNote);
+  EXPECT_EQ(motionFinding({1.0, 2.0, 3.0}).level, Level::kGood);
+  EXPECT_EQ(motionFinding({50.0, 60.0, 70.0}).level, Level::kNote);
+}
+
+}  // namespace
+}  // namespace waymark::diagnosis

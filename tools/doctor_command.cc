@@ -1,0 +1,281 @@
+#include "tools/doctor_command.h"
+
+#include <chrono>
+#include <cstdint>
+#include <cstdio>
+#include <filesystem>
+#include <map>
+#include <memory>
+#include <optional>
+#include <string>
+#include <utility>
+#include <variant>
+#include <vector>
+
+#include <CLI/CLI.hpp>
+#include <opencv2/core.hpp>
+
+#include "capture/open_source.h"
+#include "daemon/configuration.h"
+#include "daemon/control/stop_signal.h"
+#include "daemon/publish/lcm_link.h"
+#include "io/calibrations/calibration_file.h"
+#include "io/settings/slam_settings.h"
+#include "io/text/number_text.h"
+#include "tools/diagnosis/family_survey.h"
+#include "tools/diagnosis/grey_image.h"
+#include "tools/diagnosis/source_report.h"
+#include "tools/exit_code.h"
+#include "tools/number_arguments.h"
+#include "tools/recorded_inputs.h"
+#include "tools/run_diagnosis.h"
+#include "tools/run_input.h"
+#include "tools/run_record.h"
+#include "tools/stage_timer.h"
+
+namespace waymark::tools {
+namespace {
+
+using diagnosis::Finding;
+using Level = diagnosis::Finding::Level;
+
+struct DoctorArguments {
+  std::string source;
+  std::string calibration;
+  std::string dictionary;  // what somebody expects; empty: whatever is there
+  double marker_size_m = 0.1;
+  bool size_is_given = false;
+  int frames = 300;
+};
+
+// What the images alone say.
+struct Looked {
+  capture::StreamInfo info;
+  std::vector<std::int64_t> times_ns;
+  diagnosis::ImageSamples samples;
+  std::string damage;
+};
+
+void tell(const Finding& finding) { std::fputs(diagnosis::formatFinding(finding).c_str(), stdout); }
+
+// A camera that is there and may not be opened has one usual reason.
+std::string withHint(const std::string& fault) {
+  if (fault.find("Permission denied") == std::string::npos) return fault;
+  return fault +
+         "; cameras belong to the group video: sudo usermod -aG video $USER, then log in "
+         "again";
+}
+
+Result<Looked> look(const DoctorArguments& arguments, const daemon::StopSignal& stop) {
+  using std::chrono_literals::operator""ms;
+  Result<std::unique_ptr<capture::FrameSource>> source = capture::openSource(arguments.source, {});
+  if (!source) return Error{withHint(source.error().message)};
+  Looked looked;
+  looked.info = (*source)->info();
+  int silent_ms = 0;
+  while (std::ssize(looked.times_ns) < arguments.frames && !stop.pending()) {
+    capture::ReadResult read = (*source)->read(100ms);
+    if (const Error* error = std::get_if<Error>(&read)) {
+      looked.damage = error->message;
+      break;
+    }
+    if (std::holds_alternative<capture::EndOfStream>(read)) break;
+    if (std::holds_alternative<capture::TimedOut>(read)) {
+      silent_ms += 100;
+      if (silent_ms < 5000) continue;
+      looked.damage = looked.info.description + ": no frame for 5 s";
+      break;
+    }
+    silent_ms = 0;
+    const capture::FramePtr frame = std::get<capture::FramePtr>(std::move(read));
+    looked.times_ns.push_back(frame->stamp().monotonic_ns);
+    looked.samples.add(frame->image());
+  }
+  if (looked.damage.empty()) looked.damage = (*source)->damage();
+  if (looked.times_ns.empty()) {
+    return Error{looked.damage.empty() ? looked.info.description + ": has no frames"
+                                       : looked.damage};
+  }
+  return looked;
+}
+
+void tellOfSource(const Looked& looked) {
+  tell({Level::kGood, "source", looked.info.description});
+  for (const std::string& warning : looked.info.warnings) tell({Level::kNote, "source", warning});
+  if (!looked.damage.empty()) tell({Level::kBad, "source", looked.damage});
+  if (looked.info.photographs) {
+    tell({Level::kNote, "times",
+          "nobody says when the images were taken: one is not followed to "
+          "the next (frames.txt or --fps of waymark run say it)"});
+  } else {
+    tell(diagnosis::timesFinding(looked.times_ns, looked.info.rate_hz));
+  }
+  const auto quality = diagnosis::medianQuality(looked.samples.images());
+  for (const Finding& finding : diagnosis::qualityFindings(quality)) tell(finding);
+}
+
+// Empty where no family was found.
+std::optional<std::string> tellOfFamilies(const DoctorArguments& arguments, const Looked& looked) {
+  const auto& images = looked.samples.images();
+  const slam::CameraModel camera = diagnosis::guessedCamera(looked.info.width, looked.info.height);
+  const auto families = diagnosis::surveyFamilies(images, camera);
+  diagnosis::OddImages odd;
+  if (families.empty()) odd = diagnosis::lookForOddImages(images, camera);
+  for (const Finding& finding :
+       diagnosis::familyFindings(families, odd, images.size(), arguments.dictionary)) {
+    tell(finding);
+  }
+  if (families.empty()) return std::nullopt;
+  return families.front().dictionary;
+}
+
+// What a run over these frames came to.
+struct Tried {
+  diagnosis::Verdict verdict;
+  std::vector<double> steps_px;  // of markers from frame to frame
+};
+
+std::vector<double> stepsOf(const RunRecord& record) {
+  std::vector<double> steps;
+  std::map<int, Eigen::Vector2d> before;
+  for (const slam::LiveFrame& frame : record.keptFrames()) {
+    std::map<int, Eigen::Vector2d> now;
+    for (const slam::MarkerDetection& marker : frame.detections) {
+      Eigen::Vector2d centre = Eigen::Vector2d::Zero();
+      for (const Eigen::Vector2d& corner : marker.pixels) centre += 0.25 * corner;
+      if (const auto seen = before.find(marker.id); seen != before.end()) {
+        steps.push_back((centre - seen->second).norm());
+      }
+      now.emplace(marker.id, centre);
+    }
+    before.swap(now);
+  }
+  return steps;
+}
+
+Result<Tried> tryRun(const DoctorArguments& arguments, const std::string& dictionary,
+                     const slam::Calibration& calibration, const diagnosis::ImageSamples& samples,
+                     const daemon::StopSignal& stop) {
+  RunInputOptions input;
+  input.source = arguments.source;
+  input.calibration = arguments.calibration;
+  Result<OpenedInput> opened = openRunInput(input, calibration);
+  if (!opened) return opened.error();
+  slam::Options options;
+  options.markers.size_m = arguments.marker_size_m;
+  if (opened->input->unorderedImages()) options.treatAsUnorderedImages();
+  slam::Slam slam(slam::CameraModel(opened->fitted.calibration),
+                  *slam::Dictionary::byName(dictionary), options);
+  const auto frames = static_cast<std::size_t>(arguments.frames);
+  StageTimer timer(frames);
+  RunRecord record(frames);
+  while (record.frames() < frames && !stop.pending()) {
+    const Result<std::optional<RunInput::Step>> step = opened->input->step(slam, timer, nullptr);
+    if (!step || !step.value()) break;
+    record.add((*step)->time_ns, (*step)->result, slam.counters());
+  }
+  return Tried{judgeRun(record, slam, options.markers, dictionary, samples), stepsOf(record)};
+}
+
+// The lens that somebody says it is; empty when nobody does.
+Result<std::optional<slam::Calibration>> lensOf(const DoctorArguments& arguments) {
+  if (!arguments.calibration.empty()) {
+    Result<slam::Calibration> read = io::readCalibration(arguments.calibration);
+    if (!read) return read.error();
+    return std::optional(*read);
+  }
+  Result<RecordedInputs> recorded = recordedInputs(arguments.source);
+  if (!recorded) return recorded.error();
+  return recorded->calibration;
+}
+
+void tellOfLens(const Tried& tried) {
+  using Grade = diagnosis::Verdict::Grade;
+  const bool good = tried.verdict.grade == Grade::kGood;
+  tell({good ? Level::kGood : (tried.verdict.grade == Grade::kNone ? Level::kBad : Level::kNote),
+        "poses", tried.verdict.text});
+  for (const std::string& advice : tried.verdict.advice) tell({Level::kNote, "poses", advice});
+}
+
+void tellOfComputer() {
+  const std::string url = daemon::Configuration::Publish{}.url;
+  const auto address = daemon::multicastAddress(url);
+  const bool route = address && daemon::hasRoute(*address);
+  tell(route ? Finding{Level::kGood, "multicast", "there is a route for " + url}
+             : Finding{Level::kBad, "multicast",
+                       "no route for " + url +
+                           ": sudo ip link set lo multicast on; sudo ip route "
+                           "add 224.0.0.0/4 dev lo"});
+}
+
+Result<ExitCode> examine(const DoctorArguments& arguments) {
+  cv::setNumThreads(1);
+  if (std::filesystem::path(arguments.source).extension() == ".csv") {
+    return Error{arguments.source + ": recorded corners have no images to look at"};
+  }
+  if (const auto objection = io::validateDictionary(arguments.dictionary);
+      objection && !arguments.dictionary.empty()) {
+    return Error{"--dictionary: " + *objection};
+  }
+  const Result<std::optional<slam::Calibration>> lens = lensOf(arguments);
+  if (!lens) return lens.error();
+  const daemon::StopSignal stop;
+  const Result<Looked> looked = look(arguments, stop);
+  if (!looked) return looked.error();
+  tellOfSource(*looked);
+  const std::optional<std::string> family = tellOfFamilies(arguments, *looked);
+  if (family) {
+    const slam::Calibration guess =
+        diagnosis::guessedCamera(looked->info.width, looked->info.height).calibration();
+    const Result<Tried> tried =
+        tryRun(arguments, *family, lens->has_value() ? **lens : guess, looked->samples, stop);
+    if (!tried) {
+      tell({Level::kBad, "lens", tried.error().message});
+    } else {
+      if (!looked->info.photographs) tell(diagnosis::motionFinding(tried->steps_px));
+      if (lens->has_value()) tellOfLens(*tried);
+    }
+  }
+  if (!lens->has_value()) {
+    tell({Level::kNote, "lens",
+          "not looked at: --calibration says which it is, waymark calibrate "
+          "makes one"});
+  }
+  tell({Level::kNote, "scale",
+        (arguments.size_is_given ? io::roundTrip(arguments.marker_size_m) + " m is taken as said"
+                                 : std::string("not known")) +
+            ": measure the side of a printed black square, everything is as wrong as that"});
+  tellOfComputer();
+  return family ? kDone : kNoPose;
+}
+
+}  // namespace
+
+void addDoctorCommand(CLI::App& app, int* exit_code) {
+  CLI::App* command =
+      app.add_subcommand("doctor", "Look at a source and say what is good and what is not");
+  const auto arguments = std::make_shared<DoctorArguments>();
+  command
+      ->add_option("source", arguments->source,
+                   "A camera, a video file, a directory of images or an event log")
+      ->required();
+  command->add_option("--calibration", arguments->calibration,
+                      "The camera's: then it is said how well it fits");
+  command->add_option("--dictionary", arguments->dictionary,
+                      "The family that should be there; all of them are looked for");
+  CLI::Option* size = command
+                          ->add_option("--marker-size", arguments->marker_size_m,
+                                       "Side of the printed black square, metres")
+                          ->check(numberFrom(1e-3, 100.0));
+  command->add_option("--frames", arguments->frames, "Look at so many")
+      ->check(wholeNumberFrom(1, 100'000))
+      ->capture_default_str();
+  command->callback([arguments, size, exit_code] {
+    arguments->size_is_given = size->count() > 0;
+    const Result<ExitCode> result = examine(*arguments);
+    if (!result) std::fprintf(stderr, "waymark: %s\n", result.error().message.c_str());
+    *exit_code = result ? *result : kBadInput;
+  });
+}
+
+}  // namespace waymark::tools
