@@ -83,6 +83,15 @@ std::string dropped(const Json& counters) {
   return text.empty() ? "none" : text + " (docs/health.md says what helps)";
 }
 
+std::string lensText(const Json& lens) {
+  const std::string state = textAt(lens, "state");
+  std::string text = state + ", focal length " + fixed(numberAt(lens, "fx"), 1) + " px";
+  if (state == "given") return text;
+  text += " to " + fixed(numberAt(lens, "focal_sigma_percent"), 2) + " %";
+  if (state == "learning") text += ": come nearer to markers, tilt the camera";
+  return text;
+}
+
 }  // namespace
 
 std::string statusTable(const Json& status) {
@@ -96,6 +105,8 @@ std::string statusTable(const Json& status) {
       &table);
   add("latency", latency(status), &table);
   add("map", mapText(partAt(status, "map")), &table);
+  const Json lens = partAt(status, "lens");
+  if (!lens.empty()) add("lens", lensText(lens), &table);
   const Json recorder = partAt(status, "recorder");
   add("recorder",
       recorder.empty()
