@@ -189,6 +189,11 @@ Status checkTogether(const Configuration& c, const fs::path& file) {
   if (lensIsUnknown(c) && !c.slam.options.lens.learn) {
     return Error{file.string() + ": camera.calibration: missing, and camera.learn is off"};
   }
+  if (lensIsUnknown(c) && (!c.natural.empty() || !c.relocalizer.markers.empty())) {
+    return Error{
+        file.string() +
+        ": camera.calibration: missing; natural markers are looked for through a known lens"};
+  }
   if (lensIsUnknown(c) && capture::isCamera(c.camera.source) && c.camera.device.width == 0) {
     return Error{file.string() +
                  ": camera: width and height are missing, which no calibration says"};

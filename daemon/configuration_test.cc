@@ -343,8 +343,32 @@ TEST(Configuration, PathsWithoutNul) {
 TEST(Configuration, SaysWhatIsMissing) {
   EXPECT_EQ(errorOf(kCamera), "/etc/w.toml: slam.dictionary: missing");
   EXPECT_EQ(errorOf(kSlam), "/etc/w.toml: camera.source: missing");
-  EXPECT_EQ(errorOf("[camera]\nsource = \"x.avi\"\n" + kSlam),
-            "/etc/w.toml: camera.calibration: missing; only simulated cameras bring one");
+}
+
+// The lens is learned then; but something has to say how large the pictures are, and nobody may
+// have said that calibrations are exact.
+TEST(Configuration, NeedsNoCalibration) {
+  const Result<Configuration> c =
+      parseConfiguration("[camera]\nsource = \"x.avi\"\nfov_deg = 90.0\n" + kSlam, "/etc/w.toml");
+  ASSERT_TRUE(c) << c.error().message;
+  EXPECT_TRUE(lensIsUnknown(*c));
+  EXPECT_FALSE(c->slam.options.lens.given);
+  EXPECT_EQ(c->slam.options.lens.prior.focal_share, c->slam.options.lens.start.said_focal_share);
+  EXPECT_EQ(c->slam.fov_deg, 90.0);
+  EXPECT_EQ(errorOf("[camera]\nsource = \"x.avi\"\nlearn = false\n" + kSlam),
+            "/etc/w.toml: camera.calibration: missing, and camera.learn is off");
+  EXPECT_EQ(errorOf("[camera]\nsource = \"v4l2:/dev/video0\"\n" + kSlam),
+            "/etc/w.toml: camera: width and height are missing, which no calibration says");
+  EXPECT_EQ(errorOf("[camera]\nsource = \"x.avi\"\n" + kSlam +
+                    "[relocalizer]\nmarkers = \"natural.json\"\n"),
+            "/etc/w.toml: camera.calibration: missing; natural markers are looked for through a "
+            "known lens");
+  const Result<Configuration> known = parseConfiguration(
+      "[camera]\nsource = \"x.avi\"\ncalibration = \"c.yml\"\n" + kSlam, "/etc/w.toml");
+  ASSERT_TRUE(known) << known.error().message;
+  EXPECT_FALSE(lensIsUnknown(*known));
+  EXPECT_TRUE(known->slam.options.lens.given);
+  EXPECT_TRUE(known->slam.options.lens.learn);
 }
 
 TEST(Configuration, ASimulatedCameraBringsItsOwnCalibration) {

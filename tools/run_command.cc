@@ -155,6 +155,9 @@ Status addPictures(const std::string& file, RunSetup* setup) {
   if (!setup->input->hasImages()) {
     return Error{"--natural: recorded detections have no images to look for pictures in"};
   }
+  if (!setup->options.lens.given) {
+    return Error{"--natural: needs --calibration: pictures are looked for through a known lens"};
+  }
   if (setup->input->unorderedImages() || !setup->options.natural.enabled) {
     return Error{"--natural: needs a sequence of images, and slam.natural.enabled"};
   }

@@ -140,6 +140,7 @@ Result<std::string> MapWorker::saveNow() {
   if (settings_.map.localize_only) return Error{"with slam.localize_only no map is written"};
   if (settings_.map.out.empty()) return Error{"slam.map_out is not configured"};
   std::vector<slam::Map> pieces;
+  slam::Calibration camera;
   double readout_s = 0.0;
   std::uint64_t revision = 0;
   std::int64_t copying_ns = 0;
@@ -147,26 +148,40 @@ Result<std::string> MapWorker::saveNow() {
     const std::int64_t begin_ns = monotonicNs();
     for (const slam::Map* const piece : slam->pieces()) pieces.push_back(*piece);
     copying_ns = monotonicNs() - begin_ns;
+    camera = slam->camera().calibration();
     readout_s = slam->readout_s();
     revision = output_.map_revision.load(std::memory_order_relaxed);
   });
   if (!copied) return kStopping;
   log_.debug("copying the map took the SLAM loop " + std::to_string(copying_ns / 1000) + " us");
   if (pieces.front().empty()) return Error{"there is no map to save"};
-  Result<std::string> saved = saveCopy(std::move(pieces), readout_s);
+  Result<std::string> saved = saveCopy(std::move(pieces), readout_s, camera);
   noteSave(saved, revision);
   return saved;
 }
 
 // Optimized as at the end of a recording, but without frames, in a SLAM that will see none.
-Result<std::string> MapWorker::saveCopy(std::vector<slam::Map> pieces, double readout_s) const {
-  slam::Options options = settings_.options;
+Result<std::string> MapWorker::saveCopy(std::vector<slam::Map> pieces, double readout_s,
+                                        const slam::Calibration& camera) const {
+  slam::Options options = withLens(settings_.options, camera);
   options.shutter.learned_s = readout_s;
   slam::Map first = std::move(pieces.front());
   pieces.erase(pieces.begin());
-  const auto slam = makeSlam(settings_, camera_, options, std::move(first), std::move(pieces));
+  const auto slam = makeSlam(settings_, camera, options, std::move(first), std::move(pieces));
   slam::makeFinalMap({}, {}, slam.get());
-  return writeMap(settings_, *slam, camera_);
+  return writeMap(settings_, *slam, slam->camera().calibration());
+}
+
+std::optional<slam::Calibration> MapWorker::cameraInUse() {
+  slam::Calibration camera;
+  const bool told = slam_requests_.run(
+      [&](const std::unique_ptr<slam::Slam>& slam) { camera = slam->camera().calibration(); });
+  return told ? std::optional(camera) : std::nullopt;
+}
+
+slam::Options MapWorker::withLens(slam::Options options, const slam::Calibration& camera) const {
+  if (camera != camera_) options.lens.given = true;
+  return options;
 }
 
 Result<std::string> MapWorker::loadNow(const fs::path& asked) {
@@ -177,7 +192,9 @@ Result<std::string> MapWorker::loadNow(const fs::path& asked) {
   if (fs::exists(file, error) && !fs::is_regular_file(file, error)) {
     loaded = Error{file.string() + ": is not a file"};
   } else if (!file.empty()) {
-    Result<StartMap> start = readOtherMap(file, settings_, camera_);
+    const std::optional<slam::Calibration> camera = cameraInUse();
+    if (!camera) return kStopping;
+    Result<StartMap> start = readOtherMap(file, settings_, *camera);
     loaded = start ? goOnWith(std::move(start).value()) : Result<std::string>(start.error());
   }
   (loaded ? loads_ : load_failures_).fetch_add(1, std::memory_order_relaxed);
@@ -196,8 +213,10 @@ Result<std::string> MapWorker::resetNow() {
 
 // The SLAM that was is destroyed here, too.
 Result<std::string> MapWorker::goOnWith(StartMap start) {
-  auto slam =
-      makeSlam(settings_, camera_, start.options, std::move(start.map), std::move(start.others));
+  const std::optional<slam::Calibration> camera = cameraInUse();
+  if (!camera) return kStopping;
+  auto slam = makeSlam(settings_, *camera, withLens(start.options, *camera), std::move(start.map),
+                       std::move(start.others));
   if (!slam_requests_.run([&](std::unique_ptr<slam::Slam>& running) { running.swap(slam); })) {
     return kStopping;
   }
@@ -212,7 +231,7 @@ Result<std::string> MapWorker::goOnWith(StartMap start) {
 std::string MapWorker::keepReplaced(const slam::Slam& before) {
   if (settings_.map.out.empty() || settings_.map.localize_only || before.map().empty()) return "";
   const fs::path file = replacedOf(settings_.map.out);
-  const Status written = io::writeTextFile(file, mapText(before, camera_));
+  const Status written = io::writeTextFile(file, mapText(before, before.camera().calibration()));
   if (written) return "; the one before is in " + file.string();
   log_.warning("the map before is not kept: " + written.error().message);
   save_failures_.fetch_add(1, std::memory_order_relaxed);

@@ -95,7 +95,14 @@ class MapWorker {
   void saveByItself();
   [[nodiscard]] Result<std::string> perform(const Request& request);
   [[nodiscard]] Result<std::string> saveNow();
-  [[nodiscard]] Result<std::string> saveCopy(std::vector<slam::Map> pieces, double readout_s) const;
+  [[nodiscard]] Result<std::string> saveCopy(std::vector<slam::Map> pieces, double readout_s,
+                                             const slam::Calibration& camera) const;
+  // What has been learned of the lens is the camera's, not a map's. As it was given where nothing
+  // has; empty where the SLAM has come to its end.
+  [[nodiscard]] std::optional<slam::Calibration> cameraInUse();
+  // With a lens that is known: as given or as learned.
+  [[nodiscard]] slam::Options withLens(slam::Options options,
+                                       const slam::Calibration& camera) const;
   [[nodiscard]] Result<std::string> loadNow(const std::filesystem::path& asked);
   [[nodiscard]] Result<std::string> resetNow();
   [[nodiscard]] Result<std::string> goOnWith(StartMap start);
