@@ -113,7 +113,10 @@ std::optional<StartingLens> LensStart::estimate(const CameraModel& from, double*
       runToCompletion([&](Budget* budget) { return adjuster.globalsCovariance(budget); });
   if (summary.failed || !covariance) return std::nullopt;
   *cost = summary.final_cost;
-  return StartingLens{adjuster.problem().lens->camera, covariance->topLeftCorner<9, 9>()};
+  // A few squares through a wide lens leave its model open, which the covariance does not know.
+  constexpr double kModelDoubt = 2.0;
+  return StartingLens{adjuster.problem().lens->camera,
+                      kModelDoubt * kModelDoubt * covariance->topLeftCorner<9, 9>()};
 }
 
 }  // namespace waymark::slam
