@@ -82,15 +82,14 @@ bool MapUpdater::screenMarkers(const TrackedFrame& frame, Map* map) {
 
 // What local optimization leaves is for what is larger than the neighbourhood of a keyframe.
 void MapUpdater::work(double budget, const Map& map) {
-  const bool local_only = loops_.idle() && rolling_shutter_->idle(map) && lens_->idle(map);
+  const bool local_only = loops_.idle() && shutterIdle(map) && lens_->idle(map);
   loops_.relaxInIdleTime(map, local_only && mapper_.idle());
   const double for_local = local_only ? budget : options_.mapper.work_share * budget;
   const double unspent = std::max(mapper_.work(for_local, map), 0.0);
   const double rest = budget - for_local + unspent;
   if (!lens_->idle(map)) {
     lens_->work(rest, *rolling_shutter_, map, options_.loops.optimization);
-  } else if (loops_.idle() && !lens_->changedUnderWay()) {
-    // Of several lenses the shutter is not asked any more: which corners it would move is unclear.
+  } else if (loops_.idle() && asksShutter()) {
     rolling_shutter_->work(rest, camera_, map, options_.loops.optimization);
   } else if (!loops_.idle()) {
     loops_.work(rest);
@@ -111,7 +110,9 @@ FinishedWork MapUpdater::collect(Map* map) {
     // What did not fit may have been the lens.
     if (finished.lens_changed) screening_->forgetDisagreements();
   }
-  add(rolling_shutter_->collect(camera_, options_.loops.optimization, map));
+  if (asksShutter()) {
+    add(rolling_shutter_->collect(camera_, options_.loops.optimization, map));
+  }
   const std::uint64_t closures = counters_->loop_closures;
   add(loops_.collect(map));
   finished.loop_closed = counters_->loop_closures != closures;

@@ -84,14 +84,14 @@ class MapUpdater {
   // A slice of what is under way, of a cost of at most `budget`.
   void work(double budget, const Map& map);
   [[nodiscard]] bool hasFinishedWork() const {
-    return mapper_.worldMoved() || mapper_.isDone() || rolling_shutter_->isDone() ||
-           lens_->isDone() || loops_.isDone();
+    return mapper_.worldMoved() || mapper_.isDone() || lens_->isDone() || loops_.isDone() ||
+           (asksShutter() && rolling_shutter_->isDone());
   }
   // Puts into the map what is done.
   [[nodiscard]] FinishedWork collect(Map* map);
   // Nothing is under way, due, or waits to be collected.
   [[nodiscard]] bool idle(const Map& map) const {
-    return mapper_.idle() && rolling_shutter_->idle(map) && lens_->idle(map) && loops_.idle();
+    return mapper_.idle() && shutterIdle(map) && lens_->idle(map) && loops_.idle();
   }
 
   // Standard deviation of the map's whitened residuals as of late, at least 1.
@@ -100,6 +100,11 @@ class MapUpdater {
   void resolveAll(Map* map) { mapper_.resolveAll(map); }
 
  private:
+  // Of several lenses the shutter is not asked any more: which corners it would move is unclear.
+  [[nodiscard]] bool asksShutter() const { return !lens_->changedUnderWay(); }
+  [[nodiscard]] bool shutterIdle(const Map& map) const {
+    return !asksShutter() || rolling_shutter_->idle(map);
+  }
   void tellStartItsMotion(const TrackedFrame& frame, Map* map);
   [[nodiscard]] bool screenMarkers(const TrackedFrame& frame, Map* map);
 
