@@ -36,7 +36,9 @@ struct Counters {
   std::uint64_t frames_in_other_world = 0;
   std::uint64_t pieces_begun = 0;
   std::uint64_t pieces_joined = 0;
+  std::uint64_t pieces_parted = 0;
   std::uint64_t pieces_undecided = 0;
+  std::uint64_t other_prints = 0;
   std::uint64_t quads = 0;
   std::uint64_t merged_quads = 0;
   std::uint64_t rejected_quads = 0;
@@ -108,9 +110,15 @@ inline constexpr std::array kCounters = {
                  "pieces of the map begun because the camera was lost among unknown markers"},
     NamedCounter{"pieces_joined", &Counters::pieces_joined,
                  "pieces that became part of an older one"},
+    NamedCounter{"pieces_parted", &Counters::pieces_parted,
+                 "joints of pieces that later views refuted, and that were undone"},
     NamedCounter{"pieces_undecided", &Counters::pieces_undecided,
                  "times that frames with markers of two pieces did not tell yet how these lie to "
                  "each other"},
+    NamedCounter{
+        "other_prints", &Counters::other_prints,
+        "markers left out as another print of their id, with nothing around them that hangs "
+        "around the one of the map"},
     NamedCounter{"quads", &Counters::quads, "dark squares found where markers were searched for"},
     NamedCounter{"merged_quads", &Counters::merged_quads,
                  "of these, another outline of a marker that was found already"},

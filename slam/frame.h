@@ -35,13 +35,26 @@ enum class TrackingState {
   kRelocalizing,  // there is a map, but this frame has no pose
 };
 
+// Two pieces of the map have become one world, or are two again. From this frame on coordinates are
+// other ones, as after a loop closure.
+struct PieceEvent {
+  enum class Kind { kJoined, kParted };
+  Kind kind = Kind::kJoined;
+  int piece = 0;           // is part of `into` now; or has its own world again
+  int into = 0;            // keeps its world
+  Transform T_into_piece;  // from the one world to the other
+  Matrix6d covariance =
+      Matrix6d::Zero();  // of (dp, dtheta) of T_into_piece, in the world of `into`
+};
+
 struct FrameResult {
   TrackingState state = TrackingState::kInitializing;
   std::optional<PoseEstimate> pose;
   NoPoseReason reason = NoPoseReason::kNone;
   bool map_changed = false;
   bool keyframe_added = false;
-  // Valid until the next call.
+  // Both valid until the next call.
+  std::span<const PieceEvent> piece_events;  // in their order
   std::span<const MarkerDetection> detections;
 };
 

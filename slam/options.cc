@@ -24,6 +24,7 @@ void Options::treatAsUnorderedImages() {
   tracking.motion.max_age_s = 0.0;
   tracking.single_marker.min_log_odds = 5.0;  // one image has to do
   natural.enabled = false;
+  pieces.begin = false;  // what an image shows may be known when it is tried again
   work_per_frame = kUnlimited;
 }
 

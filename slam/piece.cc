@@ -1,5 +1,7 @@
 #include "slam/piece.h"
 
+#include <algorithm>
+#include <cmath>
 #include <utility>
 #include <vector>
 
@@ -13,6 +15,7 @@
 #include "slam/geometry/turned_covariance.h"
 #include "slam/map/world_reference.h"
 #include "slam/map_start.h"
+#include "slam/mapping/gap_mapper.h"
 #include "slam/mapping/map_updater.h"
 #include "slam/marker_screening/marker_screening.h"
 #include "slam/picture_stage.h"
@@ -52,7 +55,7 @@ class Piece::Impl {
 
   // The stages of seed 1, Fig. 4, in its order.
   FrameResult process(const FrameInput& frame, std::span<const MarkerDetection> detections,
-                      Turn turn, StageObserver* observer) {
+                      Turn turn, double work, StageObserver* observer) {
     FrameResult result;
     result.detections = detections;
     if (pictures_.hear(turn == Turn::kOwn ? frame.late : std::span<const LateResult>(), observer)) {
@@ -76,7 +79,7 @@ class Piece::Impl {
         const StageScope scope(observer, Stage::kMap);
         if (tracked) grow(*tracked, &result);
         // Also after a new keyframe: in fast motion every frame is one.
-        updater_.work(options_.work_per_frame, map_);
+        updater_.work(work, map_);
       }
       followMap(observer, &result);
     }
@@ -98,9 +101,17 @@ class Piece::Impl {
     map_.setElsewhere(marker_id, elsewhere);
   }
 
+  void ban(int marker_id) {
+    const MapMarker* const marker = map_.find(marker_id);
+    if (marker == nullptr || marker->state == MarkerState::kBanned) return;
+    map_.ban(marker_id);
+    map_.removeViews(marker_id, map_.viewsOf(marker_id));
+    covariance_.noteChange();
+  }
+
   [[nodiscard]] JointParts jointParts() const {
-    return {tracker_.tracker().optimizer(), options_.tracking.relocalization.square,
-            camera_.focalLength(), options_.pieces};
+    return {tracker_.tracker().optimizer(), options_.tracking.relocalization.square, camera_,
+            options_.pieces};
   }
 
   void absorb(const Map& other, const PieceJoint& joint) {
@@ -238,11 +249,46 @@ class Piece::Impl {
                       StageObserver* observer, FrameResult* result) {
     const StageScope scope(observer, Stage::kMap);
     const PoseEstimate& pose = *result->pose;
+    if (linkElsewhere(usable, time, pose)) result->keyframe_added = true;
     const auto joined = updater_.growThroughGap(
         {time, usable, pose.T_w_c, pose.view_covariance, pose.twist, features_.anchor()}, &map_);
     if (!joined) return;
     covariance_.introduce(*joined, pose.T_w_c, pose.covariance, &map_);
     result->map_changed = result->keyframe_added = true;
+  }
+
+  // A marker of another piece, seen from a carried pose: a keyframe that hangs by a link to what
+  // the pose is relative to, and connects the two. A few for each such marker, that share their
+  // drift.
+  bool linkElsewhere(std::span<const MarkerDetection> usable, const FrameTime& time,
+                     const PoseEstimate& pose) {
+    const MapMarker* const anchor = map_.findPosed(features_.anchor());
+    const PieceOptions::Bridge& bridge = options_.pieces.bridge;
+    if (anchor == nullptr ||
+        time.monotonic_ns - last_link_ns_ < std::llround(1e9 * bridge.interval_s)) {
+      return false;
+    }
+    std::vector<MarkerDetection> theirs;
+    for (const MarkerDetection& detection : usable) {
+      const MapMarker* const marker = map_.find(detection.id);
+      if (marker == nullptr || marker->state != MarkerState::kElsewhere) continue;
+      const auto linked = std::ranges::count_if(map_.viewsOf(detection.id), [&](KeyframeId id) {
+        return !map_.keyframes().at(id).links.empty();
+      });
+      if (linked < bridge.links) theirs.push_back(detection);
+    }
+    if (theirs.empty()) return false;
+    const auto link = linkTo(anchor->id, *anchor->T_w_m, pose.T_w_c,
+                             static_cast<double>(bridge.links) * pose.view_covariance);
+    if (!link) return false;
+    last_link_ns_ = time.monotonic_ns;
+    (void)map_.addKeyframe({.sequence = time.sequence,
+                            .monotonic_ns = time.monotonic_ns,
+                            .T_w_c = pose.T_w_c,
+                            .detections = std::move(theirs),
+                            .twist = pose.twist,
+                            .links = {*link}});
+    return true;
   }
 
   // The map's uncertainty follows its changes, in slices.
@@ -298,6 +344,7 @@ class Piece::Impl {
   WorldReference world_;
   MapStart start_;
   BatchMapper batch_;
+  std::int64_t last_link_ns_ = 0;
 };
 
 Piece::Piece(const PieceParts& parts, Map map)
@@ -312,13 +359,14 @@ std::optional<Prediction> Piece::predict(std::int64_t time_ns) const {
 double Piece::readout_s() const { return impl_->readout_s(); }
 
 FrameResult Piece::process(const FrameInput& frame, std::span<const MarkerDetection> detections,
-                           Turn turn, StageObserver* observer) {
-  return impl_->process(frame, detections, turn, observer);
+                           Turn turn, double work, StageObserver* observer) {
+  return impl_->process(frame, detections, turn, work, observer);
 }
 
 void Piece::setElsewhere(int marker_id, bool elsewhere) {
   impl_->setElsewhere(marker_id, elsewhere);
 }
+void Piece::ban(int marker_id) { impl_->ban(marker_id); }
 JointParts Piece::jointParts() const { return impl_->jointParts(); }
 void Piece::absorb(const Map& other, const PieceJoint& joint) { impl_->absorb(other, joint); }
 void Piece::comeIn(const PoseEstimate& pose, std::int64_t time_ns) { impl_->comeIn(pose, time_ns); }

@@ -48,14 +48,17 @@ class Piece {
   [[nodiscard]] std::optional<Prediction> predict(std::int64_t time_ns) const;
   [[nodiscard]] double readout_s() const;
 
-  // All that becomes of a frame's detections. The result's pose says the piece.
+  // All that becomes of a frame's detections. The result's pose says the piece. `work` is what may
+  // be spent on optimizations, as of Options::work_per_frame.
   [[nodiscard]] FrameResult process(const FrameInput& frame,
                                     std::span<const MarkerDetection> detections, Turn turn,
-                                    StageObserver* observer);
+                                    double work, StageObserver* observer);
 
   // The marker has its place in another piece (false: not any more); nothing happens where it has
   // one here, too, or is banned.
   void setElsewhere(int marker_id, bool elsewhere);
+  // The id hangs twice; nothing happens where it is not known.
+  void ban(int marker_id);
   // What connects it with another piece: see slam/pieces/piece_joint.h.
   [[nodiscard]] JointParts jointParts() const;
   // Takes in another piece. It is of this one's world from now on; optimizations follow, in slices.

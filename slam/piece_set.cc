@@ -1,11 +1,12 @@
 #include "slam/piece_set.h"
 
 #include <algorithm>
+#include <iterator>
 #include <utility>
 
 #include "slam/batch_mapper.h"
 #include "slam/geometry/turned_covariance.h"
-#include "slam/map/world_reference.h"
+#include "slam/pieces/other_print.h"
 
 namespace waymark::slam {
 namespace {
@@ -66,13 +67,121 @@ PoseEstimate PieceSet::asOfNow(PoseEstimate pose) const {
 
 FrameResult PieceSet::process(const FrameInput& frame, std::span<const MarkerDetection> detections,
                               StageObserver* observer) {
+  events_.clear();
   tellWhatOthersHave(active_, detections);
-  FrameResult result = active().process(frame, detections, Turn::kOwn, observer);
-  if (!result.pose && !active().map().empty()) goElsewhere(frame, detections, observer, &result);
-  if (hasSeveral() && options_.mapping && (result.map_changed || result.keyframe_added)) {
-    connect(frame, detections, &result);
+  FrameResult result;
+  auto trusted = believed(frame, detections);
+  if (hangsOnOne(trusted)) {
+    begin(frame, detections, observer, &result);
+    trusted = knownTo(active_, trusted);
   }
+  if (!result.pose) {
+    result = active().process(frame, trusted, Turn::kOwn, allowance(), observer);
+  }
+  result.detections = detections;
+  if (trusted.size() < detections.size() && result.pose &&
+      result.pose->source != PoseSource::kMarkers) {
+    result.pose.reset();  // carried from where the camera only seemed to be
+    result.state = TrackingState::kRelocalizing;
+    result.reason = NoPoseReason::kMarkersDoNotFit;
+  }
+  if (!result.pose && !active().map().empty()) goElsewhere(frame, detections, observer, &result);
+  if (options_.mapping && (hasSeveral() || !trials_.empty())) {
+    if (result.map_changed || result.keyframe_added) noteConnected(detections, result);
+    watchTrials(frame, detections, observer, &result);
+    lookForJoint(frame, &result);
+  }
+  lost_ = !result.pose;
+  result.piece_events = events_;
   return result;
+}
+
+// What the piece that the camera is in may spend; the rest is for the search.
+double PieceSet::allowance() const {
+  constexpr double kShareOfSearch = 0.5;
+  const bool searching = search_ || !wanted_.empty();
+  return (searching ? 1.0 - kShareOfSearch : 1.0) * options_.work_per_frame;
+}
+
+// Without a marker that is another print than the one that the active piece knows.
+std::span<const MarkerDetection> PieceSet::believed(const FrameInput& frame,
+                                                    std::span<const MarkerDetection> detections) {
+  if (!options_.mapping || !options_.pieces.begin || detections.size() < 2) return detections;
+  const MarkerDetection* const other = otherPrint(active_, detections);
+  std::optional<int> left_out;
+  if (other != nullptr) left_out = other->id;
+  if (hasSeveral()) {
+    for (const int id : piecesInView(detections)) {
+      if (id == active_) continue;
+      if (const MarkerDetection* const theirs = otherPrint(id, detections)) {
+        noteOtherPrint(theirs->id, frame.time.monotonic_ns);
+      }
+    }
+  }
+  if (!left_out) return detections;
+  noteOtherPrint(*left_out, frame.time.monotonic_ns);
+  believed_.assign(detections.begin(), detections.end());
+  std::erase_if(believed_, [&](const MarkerDetection& d) { return d.id == *left_out; });
+  return believed_;
+}
+
+// Found again by one marker, among others that nobody knows: if that id hangs twice, the camera may
+// be anywhere, and what it sees must not grow into the piece. A new piece says so; what joins the
+// two is tested. Until one has begun, or a second marker is known, the pose goes on by that one.
+bool PieceSet::hangsOnOne(std::span<const MarkerDetection> detections) {
+  if (!options_.mapping || !options_.pieces.begin) return false;
+  const Map& map = active().map();
+  const auto known = std::ranges::count_if(
+      detections, [&](const MarkerDetection& d) { return map.findPosed(d.id) != nullptr; });
+  if (known != 1) {
+    hangs_on_one_ = hangs_on_one_ && known == 0;
+    return false;
+  }
+  hangs_on_one_ = hangs_on_one_ || lost_;
+  return hangs_on_one_ &&
+         std::ranges::any_of(detections, [&](const MarkerDetection& d) { return isNobodys(d); });
+}
+
+// Valid until the next call.
+std::span<const MarkerDetection> PieceSet::knownTo(int piece,
+                                                   std::span<const MarkerDetection> detections) {
+  const Map& map = pieces_.at(piece)->map();
+  std::vector<MarkerDetection> known;
+  std::ranges::copy_if(detections, std::back_inserter(known),
+                       [&](const MarkerDetection& d) { return map.findPosed(d.id) != nullptr; });
+  believed_ = std::move(known);
+  return believed_;
+}
+
+// Null where there is none.
+const MarkerDetection* PieceSet::otherPrint(int piece,
+                                            std::span<const MarkerDetection> detections) const {
+  const Piece& there = *pieces_.at(piece);
+  if (!isAnotherPrint(there.map(), detections, there.jointParts())) return nullptr;
+  return &*std::ranges::find_if(detections, [&](const MarkerDetection& detection) {
+    return there.map().findPosed(detection.id) != nullptr;
+  });
+}
+
+// After a while it is refused, as an id that is twice in one frame: nothing that hangs on it alone
+// is sure.
+void PieceSet::noteOtherPrint(int marker_id, std::int64_t time_ns) {
+  ++counters_->other_prints;
+  const PieceOptions::OtherPrint& options = options_.pieces.other_print;
+  Suspicion& suspicion =
+      suspicions_.try_emplace(marker_id, Suspicion{.frames = 0, .since_ns = time_ns}).first->second;
+  ++suspicion.frames;
+  const double age_s = 1e-9 * static_cast<double>(time_ns - suspicion.since_ns);
+  if (suspicion.frames < options.frames || age_s < options.seconds) return;
+  refuse(marker_id);
+}
+
+// It hangs twice.
+void PieceSet::refuse(int marker_id) {
+  suspicions_.erase(marker_id);
+  owner_.erase(marker_id);
+  ++counters_->refused_markers;
+  forEach([&](Piece& piece) { piece.ban(marker_id); });
 }
 
 // A marker that a piece does not know is new to it, unless it is told.
@@ -95,12 +204,18 @@ void PieceSet::goElsewhere(const FrameInput& frame, std::span<const MarkerDetect
                            StageObserver* observer, FrameResult* result) {
   for (const int id : piecesInView(detections)) {
     if (id == active_) continue;
+    if (options_.mapping && otherPrint(id, detections) != nullptr) continue;
     tellWhatOthersHave(id, detections);
-    FrameResult there = pieces_.at(id)->process(frame, detections, Turn::kOthers, observer);
+    const auto known = knownTo(id, detections);
+    const bool hangs = options_.pieces.begin && known.size() == 1;
+    FrameResult there = pieces_.at(id)->process(frame, hangs ? known : detections, Turn::kOthers,
+                                                allowance(), observer);
     if (!there.pose) continue;
     active_ = id;
+    hangs_on_one_ = hangs;
     ++counters_->relocalizations;
     there.map_changed = true;  // another one
+    there.detections = detections;
     *result = there;
     return;
   }
@@ -147,7 +262,7 @@ void PieceSet::begin(const FrameInput& frame, std::span<const MarkerDetection> d
     map.piece = next_id_;
     next_ = makePiece(std::move(map));
   }
-  FrameResult there = next_->process(frame, unknown, Turn::kOthers, observer);
+  FrameResult there = next_->process(frame, unknown, Turn::kOthers, allowance(), observer);
   if (!there.pose) return;
   // From an earlier frame, too: what that saw may have got a place meanwhile.
   const bool all_new = std::ranges::all_of(next_->map().markers(), [&](const auto& entry) {
@@ -161,6 +276,7 @@ void PieceSet::begin(const FrameInput& frame, std::span<const MarkerDetection> d
   if (!hasSeveral()) (void)claim(active_);  // who has which marker is of interest from here on
   active_ = next_id_++;
   pieces_.emplace(active_, std::move(next_));
+  hangs_on_one_ = false;
   there.detections = detections;
   *result = there;
 }
@@ -181,60 +297,6 @@ std::vector<int> PieceSet::claim(int piece) {
     }
   }
   return connected;
-}
-
-// The active piece has changed: it may be connected with others now.
-void PieceSet::connect(const FrameInput& frame, std::span<const MarkerDetection> detections,
-                       FrameResult* result) {
-  std::vector<int> connected = claim(active_);
-  if (result->keyframe_added) {
-    for (const int id : piecesInView(detections)) connected.push_back(id);
-  }
-  std::ranges::sort(connected);
-  const auto twice = std::ranges::unique(connected);
-  connected.erase(twice.begin(), twice.end());
-  std::erase(connected, active_);
-  for (const int other : connected) {
-    const int left = tryToJoin(active_, other);
-    if (left < 0) continue;
-    result->map_changed = true;
-    if (left == active_) continue;
-    active_ = left;
-    if (!result->pose) continue;
-    result->pose = asOfNow(*result->pose);
-    active().comeIn(*result->pose, frame.time.monotonic_ns);
-  }
-}
-
-// The older world stays, but one that is anchored before any other.
-bool PieceSet::givesWay(int piece, int to) const {
-  const auto anchored = [&](int id) {
-    return !firstKeyframeIsWorld(pieces_.at(id)->map(), options_.markers);
-  };
-  if (!options_.markers.origin_marker && anchored(piece) != anchored(to)) return anchored(to);
-  return to < piece;
-}
-
-int PieceSet::tryToJoin(int a, int b) {
-  const int into = givesWay(b, a) ? a : b;
-  const int from = into == a ? b : a;
-  Piece& stays = *pieces_.at(into);
-  Piece& goes = *pieces_.at(from);
-  const auto views = connectingViews(stays.map(), goes.map(), stays.jointParts());
-  if (views.empty()) return -1;
-  const auto joint = estimateJoint(views, options_.pieces);
-  if (!joint) {
-    ++counters_->pieces_undecided;
-    return -1;
-  }
-  stays.absorb(goes.map(), *joint);
-  joined_[from] = {into, joint->T_a_b};
-  for (auto& [marker, owner] : owner_) {
-    if (owner == from) owner = into;
-  }
-  pieces_.erase(from);
-  ++counters_->pieces_joined;
-  return into;
 }
 
 void PieceSet::densify(std::span<const RecordedFrame> frames) {
@@ -261,26 +323,6 @@ void PieceSet::densify(std::span<const RecordedFrame> frames) {
     piece->batch().densify(here);
     if (hasSeveral()) (void)claim(id);
   }
-}
-
-bool PieceSet::joinAll() {
-  if (!options_.mapping) return false;
-  forEach([](Piece& piece) { (void)piece.batch(); });  // what is under way is done
-  bool any = false;
-  for (bool again = true; again;) {
-    again = false;
-    for (auto a = pieces_.begin(); a != pieces_.end() && !again; ++a) {
-      for (auto b = std::next(a); b != pieces_.end() && !again; ++b) {
-        const int first = a->first;
-        const int second = b->first;
-        const int left = tryToJoin(first, second);
-        if (left < 0) continue;
-        if (active_ == first || active_ == second) active_ = left;
-        any = again = true;
-      }
-    }
-  }
-  return any;
 }
 
 // The piece with the most to say of the lens is asked, and the others see through what it found.

@@ -7,8 +7,11 @@
 #include <cstdint>
 #include <map>
 #include <memory>
+#include <optional>
+#include <set>
 #include <span>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "slam/counters.h"
@@ -17,6 +20,9 @@
 #include "slam/mapping/recorded_frames.h"
 #include "slam/options.h"
 #include "slam/piece.h"
+#include "slam/pieces/joint_search.h"
+#include "slam/pieces/joint_trial.h"
+#include "slam/pieces/piece_joint.h"
 #include "slam/pose_estimate.h"
 #include "slam/stages.h"
 
@@ -57,9 +63,21 @@ class PieceSet {
     Transform T_into_piece;
   };
 
+  // The one that stays, the other.
+  using Pair = std::pair<int, int>;
+
   [[nodiscard]] Piece& active() { return *pieces_.at(active_); }
   [[nodiscard]] std::unique_ptr<Piece> makePiece(Map map) const;
   [[nodiscard]] bool hasSeveral() const { return pieces_.size() > 1; }
+  [[nodiscard]] double allowance() const;
+  std::span<const MarkerDetection> believed(const FrameInput& frame,
+                                            std::span<const MarkerDetection> detections);
+  [[nodiscard]] const MarkerDetection* otherPrint(
+      int piece, std::span<const MarkerDetection> detections) const;
+  bool hangsOnOne(std::span<const MarkerDetection> detections);
+  std::span<const MarkerDetection> knownTo(int piece, std::span<const MarkerDetection> detections);
+  void noteOtherPrint(int marker_id, std::int64_t time_ns);
+  void refuse(int marker_id);
   void goElsewhere(const FrameInput& frame, std::span<const MarkerDetection> detections,
                    StageObserver* observer, FrameResult* result);
   [[nodiscard]] std::vector<int> piecesInView(std::span<const MarkerDetection> detections) const;
@@ -69,11 +87,35 @@ class PieceSet {
   [[nodiscard]] bool isNobodys(const MarkerDetection& detection) const;
   void tellWhatOthersHave(int id, std::span<const MarkerDetection> detections);
   [[nodiscard]] std::vector<int> claim(int piece);
-  void connect(const FrameInput& frame, std::span<const MarkerDetection> detections,
-               FrameResult* result);
-  // Of two pieces the one that is left; -1: they are two still.
-  int tryToJoin(int a, int b);
+  void noteConnected(std::span<const MarkerDetection> detections, const FrameResult& result);
+  void want(int a, int b);
+  void lookForJoint(const FrameInput& frame, FrameResult* result);
+  [[nodiscard]] std::optional<PieceJoint> decide(int into, int from,
+                                                 const std::vector<JointView>& views) const;
+  void join(int into, int from, const PieceJoint& joint);
+  void joinLive(const Pair& pair, const PieceJoint& joint, const FrameInput& frame,
+                FrameResult* result);
+  [[nodiscard]] bool isAnchored(int piece) const;
+  [[nodiscard]] bool inOneSurvey(int a, int b) const;
+  [[nodiscard]] PieceJoint inSurvey(int a, int b) const;
+  void putOnTrial(const Map& into, const Map& from, const PieceJoint& joint);
+  void follow(int from, const FrameInput& frame, FrameResult* result);
+  void watchTrials(const FrameInput& frame, std::span<const MarkerDetection> detections,
+                   StageObserver* observer, FrameResult* result);
+  void part(std::size_t trial);
+  void findCamera(const FrameInput& frame, std::span<const MarkerDetection> detections,
+                  StageObserver* observer, FrameResult* result);
   [[nodiscard]] bool givesWay(int piece, int to) const;
+
+  struct Search {
+    Pair pair;
+    JointSearch frames;
+  };
+  // Frames in which a print looked like another one than the map knows.
+  struct Suspicion {
+    int frames = 0;
+    std::int64_t since_ns = 0;
+  };
 
   const Options& options_;
   CameraModel* camera_;
@@ -82,9 +124,19 @@ class PieceSet {
   std::map<int, std::unique_ptr<Piece>> pieces_;  // by id
   int active_ = 0;
   int next_id_ = 1;
+  bool lost_ = false;            // in the last frame
+  bool hangs_on_one_ = false;    // marker, since it was lost
   std::unique_ptr<Piece> next_;  // not begun yet; null as long as it was not needed
   std::map<int, int> owner_;     // the piece that a marker has its place in; empty with one piece
   std::map<int, Joined> joined_;
+  std::set<int> anchored_;                // those that were found to be, with several
+  std::set<std::pair<int, int>> wanted_;  // pieces that may be connected by now
+  std::optional<Search> search_;
+  std::vector<JointTrial> trials_;                   // in the order of the joints
+  std::map<Pair, std::vector<JointView>> refuting_;  // of joints undone, what refuted them
+  std::map<int, Suspicion> suspicions_;              // by marker
+  std::vector<MarkerDetection> believed_;            // of the last frame
+  std::vector<PieceEvent> events_;                   // likewise
 };
 
 }  // namespace waymark::slam

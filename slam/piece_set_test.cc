@@ -181,6 +181,40 @@ TEST_F(PieceSetTest, AnIdTwiceAmongOthersDoesNotJoinTwoRoomsWrongly) {
   }
 }
 
+// Two rooms that an id that hangs twice has joined: the door tells better, and both are what they
+// were, with nothing lost of either.
+TEST_F(PieceSetTest, AJointThatLaterFramesRefuteIsUndone) {
+  options_.pieces.other_print.max_angle_rad = 1e-3;  // what would have refused it
+  twice_ = testing::markerFacing({-0.6, 3.0, 0.6}, {-0.4, 0.0, 0.3});
+  (void)walk(12, 0, 3);
+  twice_.reset();
+  (void)walk(8, 3, 6);
+  ASSERT_EQ(slam().pieces().size(), 2U);
+  twice_ = testing::markerFacing({0.7, 2.6, 0.5}, {0.1, 0.0, 0.6});
+  (void)walk(20, 3, 6);
+  ASSERT_EQ(slam().pieces().size(), 1U) << "joined wrongly";
+  EXPECT_GT(worstDistanceError(slam().map()), 0.1);
+  twice_.reset();
+  std::vector<PieceEvent> events;
+  std::optional<int> parted_after;
+  for (int i = 0; i < 10 && !parted_after; ++i) {
+    (void)walk(1, 2, 5);
+    for (const PieceEvent& event : last_.piece_events) events.push_back(event);
+    if (!events.empty()) parted_after = i + 1;
+  }
+  ASSERT_TRUE(parted_after);
+  EXPECT_LE(*parted_after, 4);
+  EXPECT_EQ(events.front().kind, PieceEvent::Kind::kParted);
+  EXPECT_EQ(events.front().piece, 1);
+  EXPECT_EQ(events.front().into, 0);
+  EXPECT_EQ(slam().counters().pieces_parted, 1U);
+  EXPECT_EQ(slam().counters().refused_markers, 1U) << "all rested on it";
+  for (const Map* map : slam().pieces()) EXPECT_LT(worstDistanceError(*map), 0.1);
+  (void)walk(20, 1, 5);
+  ASSERT_EQ(slam().pieces().size(), 1U) << "by what is seen from both";
+  EXPECT_LT(worstDistanceError(slam().map()), 0.05);
+}
+
 TEST_F(PieceSetTest, LocalizesInAllPiecesOfAMapThatStaysAsItIs) {
   (void)walk(10, 0, 3);
   (void)walk(10, 3, 6);

@@ -2,13 +2,15 @@
 
 #include <algorithm>
 #include <cmath>
+#include <iterator>
 #include <limits>
-#include <set>
 #include <utility>
 
 #include <Eigen/Cholesky>
 
+#include "slam/geometry/turned_covariance.h"
 #include "slam/geometry/two_hypotheses.h"
+#include "slam/pieces/other_print.h"
 
 namespace waymark::slam {
 namespace {
@@ -36,7 +38,7 @@ double meanDepth(std::span<const KnownMarker> markers, const Transform& T_w_c) {
 
 // Corners are off by more than their covariances say: what a chi-square counts of that.
 double chi2Share(std::span<const KnownMarker> markers, const JointParts& parts) {
-  const double systematic = parts.square.systematic_sigma_px / parts.focal_px;
+  const double systematic = parts.square.systematic_sigma_px / parts.camera.focalLength();
   double variance = 0.0;
   for (const KnownMarker& marker : markers) variance += cornerVariance(*marker.detection);
   variance /= static_cast<double>(markers.size());
@@ -48,9 +50,15 @@ std::vector<PlaceInPiece> placesIn(std::span<const KnownMarker> markers, const J
   std::vector<PlaceInPiece> found;
   if (markers.empty()) return found;
   const double share = chi2Share(markers, parts);
-  for (const KnownMarker& marker : markers) {
-    const auto square =
-        estimateSquarePose(*marker.detection, marker.size_m, parts.focal_px, parts.square);
+  // A few propose, those seen best; all decide.
+  constexpr std::size_t kProposing = 3;
+  std::vector<KnownMarker> proposing(markers.begin(), markers.end());
+  std::ranges::sort(proposing, {},
+                    [](const KnownMarker& marker) { return cornerVariance(*marker.detection); });
+  if (proposing.size() > kProposing) proposing.resize(kProposing);
+  for (const KnownMarker& marker : proposing) {
+    const auto square = estimateSquarePose(*marker.detection, marker.size_m,
+                                           parts.camera.focalLength(), parts.square);
     if (!square) continue;
     for (const Transform& T_c_m : square->T_c_m) {
       const auto solution = parts.optimizer.optimize(markers, marker.T_w_m * T_c_m.inverse());
@@ -92,6 +100,31 @@ JointView::Way wayOf(const PlaceInPiece& in_a, const PlaceInPiece& in_b) {
   way.information = covariance.ldlt().solve(Matrix6d::Identity());
   way.chi2 = in_a.chi2 + in_b.chi2;
   return way;
+}
+
+// As the features say that carried the camera there from a marker of the piece.
+std::optional<PlaceInPiece> placeByLink(const Map& own, const Keyframe& keyframe,
+                                        const JointParts& parts) {
+  for (const MarkerLink& link : keyframe.links) {
+    const MapMarker* const anchor = own.findPosed(link.marker);
+    if (anchor == nullptr) continue;
+    const Matrix6d in_marker = covarianceOfInverse(link.T_c_m, link.covariance);
+    return PlaceInPiece{keyframe.T_w_c, turnedCovariance(anchor->T_w_m->R, in_marker) +
+                                            bend(link.T_c_m.p.norm(), parts.options)};
+  }
+  return std::nullopt;
+}
+
+std::optional<JointView> viewOf(const std::vector<PlaceInPiece>& places_a,
+                                const std::vector<PlaceInPiece>& places_b) {
+  if (places_a.empty() || places_b.empty()) return std::nullopt;
+  JointView view;
+  for (const PlaceInPiece& a : places_a) {
+    for (const PlaceInPiece& b : places_b) view.ways.push_back(wayOf(a, b));
+  }
+  const double least = std::ranges::min(view.ways, {}, &JointView::Way::chi2).chi2;
+  for (JointView::Way& way : view.ways) way.chi2 -= least;
+  return view;
 }
 
 double distance2(const JointView::Way& way, const Transform& T_a_b) {
@@ -148,51 +181,81 @@ Hypothesis refined(std::span<const JointView> views, const Transform& start, dou
   return hypothesis;
 }
 
-// The keyframes of `a` that see what only `b` knows.
-void addFrames(const Map& a, const Map& b, std::set<std::pair<int, KeyframeId>>* frames) {
-  for (const auto& [id, marker] : a.markers()) {
-    if (marker.T_w_m || b.findPosed(id) == nullptr) continue;
-    for (const KeyframeId keyframe : a.viewsOf(id)) frames->insert({a.piece, keyframe});
-  }
-}
-
 }  // namespace
 
 std::optional<JointView> viewJoint(std::span<const KnownMarker> in_a,
                                    std::span<const KnownMarker> in_b, const JointParts& parts) {
-  const std::vector<PlaceInPiece> places_a = placesIn(in_a, parts);
-  if (places_a.empty()) return std::nullopt;
-  const std::vector<PlaceInPiece> places_b = placesIn(in_b, parts);
-  if (places_b.empty()) return std::nullopt;
-  JointView view;
-  for (const PlaceInPiece& a : places_a) {
-    for (const PlaceInPiece& b : places_b) view.ways.push_back(wayOf(a, b));
+  return viewOf(placesIn(in_a, parts), placesIn(in_b, parts));
+}
+
+std::optional<JointView> viewJoint(const Map& a, const Map& b, const Map& own,
+                                   const Keyframe& keyframe, const JointParts& parts) {
+  const std::vector<MarkerDetection> seen(keyframe.detections.begin(), keyframe.detections.end());
+  const std::vector<KnownMarker> known = knownMarkers(own, seen);
+  const auto linked = known.empty() ? placeByLink(own, keyframe, parts) : std::nullopt;
+  if (!linked) return viewJoint(a, b, seen, parts);
+  const std::vector<PlaceInPiece> here = {*linked};
+  return &own == &a ? viewOf(here, placesIn(knownMarkers(b, seen), parts))
+                    : viewOf(placesIn(knownMarkers(a, seen), parts), here);
+}
+
+std::optional<JointView> viewJoint(const Map& a, const Map& b,
+                                   std::span<const MarkerDetection> detections,
+                                   const JointParts& parts) {
+  auto view = viewJoint(knownMarkers(a, detections), knownMarkers(b, detections), parts);
+  if (view) {
+    view->other_print =
+        isAnotherPrint(a, detections, parts) || isAnotherPrint(b, detections, parts);
   }
-  const double least = std::ranges::min(view.ways, {}, &JointView::Way::chi2).chi2;
-  for (JointView::Way& way : view.ways) way.chi2 -= least;
   return view;
 }
 
-std::vector<JointView> connectingViews(const Map& a, const Map& b, const JointParts& parts) {
-  std::set<std::pair<int, KeyframeId>> frames;
-  addFrames(a, b, &frames);
-  addFrames(b, a, &frames);
-  const std::vector<std::pair<int, KeyframeId>> all(frames.begin(), frames.end());
-  const std::size_t count = std::min(all.size(), static_cast<std::size_t>(parts.options.max_views));
-  std::vector<JointView> views;
-  for (std::size_t k = 0; k < count; ++k) {
-    const auto& [piece, id] = all[k * all.size() / count];
-    const Keyframe& keyframe = (piece == a.piece ? a : b).keyframes().at(id);
-    const std::vector<MarkerDetection> detections(keyframe.detections.begin(),
-                                                  keyframe.detections.end());
-    auto view = viewJoint(knownMarkers(a, detections), knownMarkers(b, detections), parts);
-    if (view) views.push_back(std::move(*view));
-  }
-  return views;
+bool contradicts(const JointView& view, const Transform& T_a_b, const PieceOptions& options) {
+  if (view.other_print) return true;
+  const auto [way, cost] = nearestWay(view, T_a_b);
+  return distance2(*way, T_a_b) > options.max_chi2;
 }
 
-std::optional<PieceJoint> estimateJoint(std::span<const JointView> views,
+bool overlap(const Map& a, const Map& b, const Transform& T_a_b) {
+  // Much nearer than prints side by side: maps are bent, and one may meet another by chance.
+  constexpr double kShare = 0.35;
+  constexpr int kEnough = 2;
+  struct Place {
+    Eigen::Vector3d p;
+    Eigen::Vector3d normal;  // on the other side of a thin wall it is the opposite one
+    double size_m = 0.0;
+  };
+  int same = 0;
+  std::vector<Place> theirs;
+  double largest_m = 0.0;
+  for (const auto& [id, marker] : b.markers()) {
+    if (!marker.T_w_m) continue;
+    const Transform T_a_m = T_a_b * *marker.T_w_m;
+    theirs.push_back({T_a_m.p, T_a_m.R.col(2), marker.size_m});
+    largest_m = std::max(largest_m, marker.size_m);
+  }
+  const auto x = [](const Place& place) { return place.p.x(); };
+  std::ranges::sort(theirs, {}, x);
+  for (const auto& [id, marker] : a.markers()) {
+    if (!marker.T_w_m) continue;
+    const Eigen::Vector3d& p = marker.T_w_m->p;
+    const double reach_m = kShare * std::max(largest_m, marker.size_m);
+    for (auto near = std::ranges::lower_bound(theirs, p.x() - reach_m, {}, x);
+         near != theirs.end() && near->p.x() <= p.x() + reach_m; ++near) {
+      const bool faces = near->normal.dot(marker.T_w_m->R.col(2)) > 0.5;
+      if (faces && (near->p - p).norm() < kShare * 0.5 * (near->size_m + marker.size_m)) ++same;
+    }
+  }
+  return same >= kEnough;
+}
+
+std::optional<PieceJoint> estimateJoint(std::span<const JointView> all,
                                         const PieceOptions& options) {
+  // An id that hangs twice says nothing, or that nothing else does either.
+  std::vector<JointView> views;
+  std::ranges::copy_if(all, std::back_inserter(views),
+                       [](const JointView& view) { return !view.other_print; });
+  if (views.size() < options.min_share * static_cast<double>(all.size())) return std::nullopt;
   if (views.empty()) return std::nullopt;
   const bool few = static_cast<int>(views.size()) < options.enough_views;
   const double wanted = few ? options.ratio_of_few_views : options.ambiguity_ratio;

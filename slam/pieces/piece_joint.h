@@ -9,6 +9,8 @@
 
 #include "slam/camera_pose/known_marker.h"
 #include "slam/camera_pose/pose_optimizer.h"
+#include "slam/geometry/camera_model.h"
+#include "slam/map/map.h"
 #include "slam/marker_pose/square_pose.h"
 #include "slam/pieces/piece_options.h"
 
@@ -21,14 +23,15 @@ struct JointView {
     Matrix6d information = Matrix6d::Zero();  // of (dp, dtheta) of T_a_b
     double chi2 = 0.0;  // of the frame's corners, more than that of its best way
   };
-  std::vector<Way> ways;  // at least one
+  std::vector<Way> ways;     // at least one
+  bool other_print = false;  // the frame shows another print of an id that hangs twice
 };
 
 // How two pieces lie to each other.
 struct PieceJoint {
   Transform T_a_b;                         // puts the markers of b into the world of a
   Matrix6d covariance = Matrix6d::Zero();  // of (dp, dtheta): metres, radians, in the world of a
-  int views = 0;                           // frames that agree
+  int views = 0;                           // frames that agree; 0: it is known otherwise
   double ratio = 1.0;  // how many times better than another way; infinite without one
 };
 
@@ -36,7 +39,7 @@ struct PieceJoint {
 struct JointParts {
   const PoseOptimizer& optimizer;
   const SquarePoseOptions& square;
-  double focal_px = 1.0;
+  const CameraModel& camera;
   const PieceOptions& options;
 };
 
@@ -45,10 +48,22 @@ struct JointParts {
                                                  std::span<const KnownMarker> in_b,
                                                  const JointParts& parts);
 
-// What the keyframes of either piece say that see markers of both; of more than max_views those
-// spread over all.
-[[nodiscard]] std::vector<JointView> connectingViews(const Map& a, const Map& b,
-                                                     const JointParts& parts);
+// The same of a frame's detections, of markers that either piece has a pose of.
+[[nodiscard]] std::optional<JointView> viewJoint(const Map& a, const Map& b,
+                                                 std::span<const MarkerDetection> detections,
+                                                 const JointParts& parts);
+
+// The same of a keyframe of `own`, which may also hang there by a link: natural features, or a
+// picture, know where it is.
+[[nodiscard]] std::optional<JointView> viewJoint(const Map& a, const Map& b, const Map& own,
+                                                 const Keyframe& keyframe, const JointParts& parts);
+
+// Whether what a frame says contradicts a joint: chi-square, or an id that hangs twice.
+[[nodiscard]] bool contradicts(const JointView& view, const Transform& T_a_b,
+                               const PieceOptions& options);
+
+// Whether markers of b hang where others of a do: then the two do not lie like that to each other.
+[[nodiscard]] bool overlap(const Map& a, const Map& b, const Transform& T_a_b);
 
 // Empty where nothing decides, or the frames contradict each other.
 [[nodiscard]] std::optional<PieceJoint> estimateJoint(std::span<const JointView> views,

@@ -1,9 +1,13 @@
 #include "slam/pieces/piece_joint.h"
 
+#include <numbers>
 #include <random>
 
 #include <gtest/gtest.h>
 
+#include "slam/geometry/turned_covariance.h"
+#include "slam/mapping/gap_mapper.h"
+#include "slam/pieces/joint_search.h"
 #include "slam/testing/scene.h"
 
 namespace waymark::slam {
@@ -17,7 +21,7 @@ constexpr double kCorner_px = 0.1;
 class PieceJointTest : public ::testing::Test {
  protected:
   [[nodiscard]] static bool isLeft(int id) { return id % 6 < 3; }
-  [[nodiscard]] JointParts parts() const { return {optimizer_, square_, focal_px_, options_}; }
+  [[nodiscard]] JointParts parts() const { return {optimizer_, square_, camera_, options_}; }
 
   // What a camera there says, of these markers only.
   [[nodiscard]] std::optional<JointView> viewOf(const Transform& T_w_c,
@@ -156,13 +160,73 @@ TEST_F(PieceJointTest, FindsTheKeyframesThatConnectTwoMaps) {
     (isLeft(marker.id) ? b : a).setElsewhere(marker.id, true);
   }
   b.moveWorld(T_a_b_.inverse());
-  const auto views = connectingViews(a, b, parts());
+  const auto connectingViews = [&] {
+    JointSearch search(a, b, options_);
+    EXPECT_TRUE(search.advance(a, b, parts(), 1e9));
+    return search.views();
+  };
+  const auto views = connectingViews();
   EXPECT_EQ(views.size(), 2 * places.size());
   const auto joint = estimateJoint(views, options_);
   ASSERT_TRUE(joint);
   EXPECT_LT(errorOf(*joint), 0.02);
   options_.max_views = 2;
-  EXPECT_EQ(connectingViews(a, b, parts()).size(), 2U);
+  EXPECT_EQ(connectingViews().size(), 2U);
+  JointSearch in_turns(a, b, options_);
+  EXPECT_FALSE(in_turns.advance(a, b, parts(), 1.0)) << "one frame at a time";
+  EXPECT_TRUE(in_turns.advance(a, b, parts(), 1.0));
+  EXPECT_EQ(in_turns.views().size(), 2U);
+}
+
+// No frame shows markers of both; natural features have carried the camera over.
+TEST_F(PieceJointTest, KeyframesThatHangByALinkConnectTwoMaps) {
+  std::vector<testing::SyntheticMarker> left;
+  std::vector<testing::SyntheticMarker> right;
+  for (const auto& marker : markers_) (isLeft(marker.id) ? left : right).push_back(marker);
+  const std::vector<Transform> places = {camera(-0.4), camera(0.0), camera(0.4)};
+  Map a = testing::trueMap(camera_, places, left, kSide_m, kCorner_px, &rng_);
+  Map b = testing::trueMap(camera_, places, right, kSide_m, kCorner_px, &rng_);
+  b.piece = 1;
+  b.moveWorld(T_a_b_.inverse());
+  for (const auto& marker : right) {
+    (void)a.addMarker(marker.id, kSide_m);
+    a.setElsewhere(marker.id, true);
+  }
+  const auto joint = [&] {
+    JointSearch search(a, b, options_);
+    EXPECT_TRUE(search.advance(a, b, parts(), 1e9));
+    return estimateJoint(search.views(), options_);
+  };
+  EXPECT_FALSE(joint());
+  const Matrix6d drift = independentCovariance(0.004, 0.002);
+  for (const double x : {0.3, 0.6, 0.9}) {
+    const Transform T_w_c = testing::disturbed(camera(x), 0.002, &rng_);
+    const auto link = linkTo(left.front().id, left.front().T_w_m, T_w_c, drift);
+    ASSERT_TRUE(link);
+    (void)a.addKeyframe(
+        {.T_w_c = T_w_c,
+         .detections = testing::observeAll(camera_, camera(x), right, kSide_m, kCorner_px, &rng_),
+         .links = {*link}});
+  }
+  const auto found = joint();
+  ASSERT_TRUE(found);
+  EXPECT_EQ(found->views, 3);
+  EXPECT_LT(errorOf(*found), 0.03);
+}
+
+TEST_F(PieceJointTest, TwoRoomsDoNotLieWithinEachOther) {
+  const std::vector<Transform> places = {camera(-0.4), camera(0.0), camera(0.4)};
+  const Map a = testing::trueMap(camera_, places, markers_, kSide_m, kCorner_px, &rng_);
+  std::vector<testing::SyntheticMarker> alike = markers_;
+  for (auto& marker : alike) marker.id += 40;
+  const Map b = testing::trueMap(camera_, places, alike, kSide_m, kCorner_px, &rng_);
+  EXPECT_TRUE(overlap(a, b, Transform{}));
+  EXPECT_FALSE(overlap(a, b, Transform{}.retract((Vector6d() << 0.15, 0, 0, 0, 0, 0).finished())))
+      << "beside each other";
+  Transform behind;
+  behind.R = Eigen::AngleAxisd(std::numbers::pi, Eigen::Vector3d::UnitZ()).toRotationMatrix();
+  behind.p = {0.0, 6.02, 0.0};
+  EXPECT_FALSE(overlap(a, b, behind)) << "on the other side of a thin wall";
 }
 
 }  // namespace

@@ -15,6 +15,16 @@ std::string PieceOptions::invalidReason() const {
       {isPositive(max_chi2), "the chi-square of two pieces must be positive"},
       {isShare(min_share), "the share of frames that agree must be from 0 to 1"},
       {max_views >= 1, "pieces need at least 1 frame that connects them"},
+      {isPositive(other_print.max_angle_rad) && other_print.max_distance_ratio >= 1.0 &&
+           isNotNegative(other_print.border_share) && isPositive(other_print.max_slant_rad) &&
+           isNotNegative(other_print.least_side) && other_print.missing >= 1 &&
+           other_print.frames >= 1 && isNotNegative(other_print.seconds),
+       "what tells another print of one id must be positive"},
+      {bridge.links >= 1 && isNotNegative(bridge.interval_s),
+       "pieces need at least 1 carried frame"},
+      {isNotNegative(trial.interval_s) && trial.against >= 1 && trial.frames >= 1 &&
+           trial.joints >= 1,
+       "the trial of a joint must be positive"},
   });
 }
 

@@ -7,7 +7,7 @@ namespace waymark::slam {
 
 struct PieceOptions {
   // Off: there is one piece, and a frame without any of its markers has no pose; for callers that
-  // do not tell of a pose which piece it is in. Pieces of a map that is given are there all the
+  // do not ask of a pose which piece it is in. Pieces of a map that is given are there all the
   // same.
   bool begin = false;
   // At most so many at a time. Each rests, and costs memory only, while the camera is not in it.
@@ -34,6 +34,45 @@ struct PieceOptions {
   double min_share = 0.75;
   // Frames looked at for two pieces, at most. More is surer and costs time.
   int max_views = 12;
+
+  // One id in two rooms: when a print is taken for another one than the map knows, as nothing is in
+  // view of what hangs around that (other_print.h). Larger angles and ratios find out sooner, and
+  // may be wrong where a wall stands between.
+  struct OtherPrint {
+    // Seen from about the same place: so much in direction, and times so much in distance.
+    double max_angle_rad = 0.35;
+    double max_distance_ratio = 1.5;
+    // What ought to be in view: so far from the image's border, of its width, from no more than so
+    // far aside, and no smaller than so much of the print itself.
+    double border_share = 0.03;
+    double max_slant_rad = 1.0;
+    double least_side = 0.8;
+    // At least so many of these missing; one, where another marker is in its place.
+    int missing = 2;
+    // Banned, as an id that hangs twice, after so many frames and so long. Until then it is left
+    // out of these frames.
+    int frames = 4;
+    double seconds = 0.3;
+  };
+  OtherPrint other_print;
+  // Markers of another piece seen from poses that natural features carry: so many such frames for
+  // each, which count as one together, and no nearer to each other.
+  struct Bridge {
+    int links = 4;
+    double interval_s = 0.3;
+  };
+  Bridge bridge;
+  // A joint is on trial: frames that show markers of both pieces, at most one in so many seconds,
+  // are compared with the two as they were.
+  struct Trial {
+    double interval_s = 0.25;
+    // Undone when at least so many frames, and more than 1 - min_share of all since, contradict.
+    int against = 3;
+    // Believed after so many frames, or once so many later joints are on trial.
+    int frames = 12;
+    int joints = 4;
+  };
+  Trial trial;
 
   // Empty when usable, else what is wrong.
   [[nodiscard]] std::string invalidReason() const;
