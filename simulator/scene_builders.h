@@ -1,6 +1,7 @@
 // What the scenes' builders share. One file per family of scenes: scene_rooms.cc, scene_lab.cc,
 // scene_objects.cc, scene_dolly.cc, scene_corridor.cc, scene_office.cc, scene_trouble.cc,
-// scene_table.cc. What the last four furnish their rooms with: furniture.h.
+// scene_table.cc, scene_building.cc. What corridor, office, trouble and table furnish their rooms
+// with: furniture.h.
 #pragma once
 
 #include <cstdint>
@@ -46,6 +47,7 @@ inline constexpr double kCorridorWay_s = 67.0;
 inline constexpr double kOfficeWay_s = 36.0;
 inline constexpr double kTroubleWay_s = 76.0;
 inline constexpr double kTableWay_s = 66.0;
+inline constexpr double kBuildingWay_s = 286.0;
 
 void buildWalls(const Build& build);
 void buildCeiling(const Build& build);
@@ -60,6 +62,7 @@ void buildOffice(const Build& build);
 void buildTrouble(const Build& build);
 void buildTable(const Build& build);
 void buildTableFiducials(const Build& build);
+void buildBuilding(const Build& build);
 
 // A rectangle that faces `normal`, with `up` (perpendicular to it) as its y axis.
 [[nodiscard]] Surface makeSurface(const Eigen::Vector3d& centre, const Eigen::Vector3d& normal,

@@ -1,11 +1,13 @@
 // The scenes in which markers are seen now and then: what happens in them, and when; and what only
 // they need of renderer and sensor.
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstdint>
 #include <map>
 #include <memory>
 #include <optional>
+#include <set>
 #include <string>
 #include <vector>
 
@@ -155,7 +157,8 @@ double movingPart(const Simulation& simulation, double time_s) {
 }
 
 TEST(WayScenes, AreAtTheirBeginningAgainAtTheirEnd) {
-  for (const char* name : {"corridor", "office", "trouble", "table", "table_fiducials"}) {
+  for (const char* name :
+       {"corridor", "office", "trouble", "table", "table_fiducials", "building"}) {
     const auto simulation = open(name);
     const Trajectory& pose = simulation->scene().trajectory;
     const double way_s = simulation->scene().duration_s;
@@ -182,6 +185,47 @@ TEST(WayScenes, LoopsKeepTheWaysSpeed) {
     EXPECT_LT(fastest, 1.35) << loop_s;
     EXPECT_LT((pose(0.0).p - pose(loop_s).p).norm(), 1e-9) << loop_s;
   }
+}
+
+// Of the rooms' doors one shows markers of both sides on the way out, the others on the way back
+// only; and then all do.
+TEST(Building, IsConnectedOnTheWayBack) {
+  const auto simulation = open("building");
+  EXPECT_EQ(simulation->markers().size(), 60U);
+  const std::int64_t end = simulation->frameCount();
+  constexpr int kRooms = 6;
+  constexpr int kInRoom = 8;
+  constexpr double kShortest_px = 9.0;
+  const slam::CameraModel camera(simulation->camera());
+  std::array<std::optional<std::int64_t>, kRooms> first_seen_with_others;
+  std::set<int> seen;
+  std::int64_t last_room = -1;
+  for (std::int64_t k = 0; k < end; k += 3) {
+    const slam::Transform T_w_c = simulation->poseAt(k);
+    std::set<int> parts;  // rooms, and the corridor as kRooms
+    for (const Marker& marker : simulation->visibleMarkers(k)) {
+      if (shortestSide(*projectMarker(camera, T_w_c, marker)) < kShortest_px) continue;
+      seen.insert(marker.id);
+      parts.insert(std::min(marker.id / kInRoom, kRooms));
+    }
+    if (parts.size() < 2) continue;
+    for (const int part : parts) {
+      if (part == kRooms) continue;
+      if (!first_seen_with_others[part]) first_seen_with_others[part] = k;
+    }
+    last_room = k;
+  }
+  EXPECT_GE(seen.size(), 59U);
+  EXPECT_GT(last_room, 0);
+  const auto back = static_cast<std::int64_t>(0.83 * static_cast<double>(end));
+  int late = 0;
+  for (int room = 0; room < kRooms; ++room) {
+    ASSERT_TRUE(first_seen_with_others[room]) << "room " << room << " is never connected";
+    std::printf("room %d: %ld of %ld\n", room, static_cast<long>(*first_seen_with_others[room]),
+                static_cast<long>(end));
+    late += *first_seen_with_others[room] > back ? 1 : 0;
+  }
+  EXPECT_GE(late, 4);
 }
 
 TEST(Corridor, Is25MetresThereAndBackWithAMarkerEveryNine) {
