@@ -116,6 +116,9 @@ TEST(Configuration, TheExampleWithEverythingUncommentedChangesNoDefault) {
   EXPECT_EQ(o.follower.enabled, e.follower.enabled);
   EXPECT_EQ(o.follower.schedule.round_s, e.follower.schedule.round_s);
   EXPECT_EQ(o.work_per_frame, e.work_per_frame);
+  EXPECT_EQ(o.pieces.begin, e.pieces.begin);
+  EXPECT_TRUE(o.pieces.begin);
+  EXPECT_EQ(o.pieces.max_pieces, e.pieces.max_pieces);
   EXPECT_EQ(o.covariance.enabled, e.covariance.enabled);
   EXPECT_EQ(o.natural.enabled, e.natural.enabled);
   EXPECT_EQ(o.natural.filter.filter.max_features, e.natural.filter.filter.max_features);

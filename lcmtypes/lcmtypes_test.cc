@@ -8,6 +8,7 @@
 
 #include <waymark/detections_t.hpp>
 #include <waymark/health_t.hpp>
+#include <waymark/joint_t.hpp>
 #include <waymark/map_t.hpp>
 #include <waymark/pose_t.hpp>
 
@@ -44,8 +45,8 @@ TEST(LcmTypes, BotCoreHashesAreTheOnesSubscribersKnow) {
 
 // Subscribers built against another definition get nothing: a change is for CHANGELOG.md.
 TEST(LcmTypes, OurOwnHashesChangeOnPurposeOnly) {
-  EXPECT_EQ(static_cast<std::uint64_t>(pose_t::getHash()), 0x840f304d51f768bdULL);
-  EXPECT_EQ(static_cast<std::uint64_t>(map_t::getHash()), 0x5666fed92dc30047ULL);
+  EXPECT_EQ(static_cast<std::uint64_t>(pose_t::getHash()), 0xa3e50267be6a9996ULL);
+  EXPECT_EQ(static_cast<std::uint64_t>(map_t::getHash()), 0xf55078da357c3d51ULL);
 }
 
 TEST(LcmTypes, BotCorePixelFormatsSpellTheirCodes) {
@@ -72,6 +73,7 @@ TEST(LcmTypes, PoseRoundTrip) {
   a.reprojection_rms_px = 0.11;
   a.ambiguity_ratio = 12.5;
   a.latency_ns = 13;
+  a.map_piece = 15;
 
   const pose_t b = throughTheWire(a);
   EXPECT_EQ(a.utime, b.utime);
@@ -90,6 +92,31 @@ TEST(LcmTypes, PoseRoundTrip) {
   EXPECT_EQ(a.reprojection_rms_px, b.reprojection_rms_px);
   EXPECT_EQ(a.ambiguity_ratio, b.ambiguity_ratio);
   EXPECT_EQ(a.latency_ns, b.latency_ns);
+  EXPECT_EQ(a.map_piece, b.map_piece);
+}
+
+TEST(LcmTypes, JointRoundTrip) {
+  joint_t a{};
+  a.utime = 1;
+  a.monotonic_ns = 2;
+  a.sequence = 3;
+  a.kind = joint_t::KIND_PARTED;
+  a.map_piece = 4;
+  a.into = 5;
+  fill(a.p_into_piece, 6.0);
+  fill(a.q_into_piece, 7.0);
+  fill(a.covariance, 8.0);
+
+  const joint_t b = throughTheWire(a);
+  EXPECT_EQ(a.utime, b.utime);
+  EXPECT_EQ(a.monotonic_ns, b.monotonic_ns);
+  EXPECT_EQ(a.sequence, b.sequence);
+  EXPECT_EQ(a.kind, b.kind);
+  EXPECT_EQ(a.map_piece, b.map_piece);
+  EXPECT_EQ(a.into, b.into);
+  expectSame(a.p_into_piece, b.p_into_piece);
+  expectSame(a.q_into_piece, b.q_into_piece);
+  expectSame(a.covariance, b.covariance);
 }
 
 TEST(LcmTypes, DetectionsRoundTrip) {
@@ -151,6 +178,7 @@ TEST(LcmTypes, MapRoundTrip) {
   a.unposed[0].size = 0.15;
   a.unposed[0].state = unposed_marker_t::STATE_ELSEWHERE;
   a.unposed[0].views = 16;
+  a.markers[0].map_piece = 12;
 
   const map_t b = throughTheWire(a);
   EXPECT_EQ(a.utime, b.utime);
@@ -176,6 +204,7 @@ TEST(LcmTypes, MapRoundTrip) {
   EXPECT_EQ(a.unposed[0].size, b.unposed[0].size);
   EXPECT_EQ(a.unposed[0].state, b.unposed[0].state);
   EXPECT_EQ(a.unposed[0].views, b.unposed[0].views);
+  EXPECT_EQ(a.markers[0].map_piece, b.markers[0].map_piece);
 }
 
 TEST(LcmTypes, HealthRoundTrip) {

@@ -81,6 +81,8 @@ void Subscriber::onMessage(const lcm_recv_buf_t* buffer, const char* channel, vo
     keep(*buffer, r.natural_detections, r.undecodable);
   } else if (name == s.prefix_ + "NATURAL_MAP") {
     keep(*buffer, r.natural_maps, r.undecodable);
+  } else if (name == s.prefix_ + "JOINT") {
+    keep(*buffer, r.joints, r.undecodable);
   } else if (name == "POSE") {
     keep(*buffer, r.bot_core_poses, r.undecodable);
   }

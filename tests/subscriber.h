@@ -17,6 +17,7 @@
 
 #include <waymark/detections_t.hpp>
 #include <waymark/health_t.hpp>
+#include <waymark/joint_t.hpp>
 #include <waymark/map_t.hpp>
 #include <waymark/natural_detections_t.hpp>
 #include <waymark/natural_map_t.hpp>
@@ -32,6 +33,7 @@ struct Received {
   std::vector<health_t> healths;
   std::vector<natural_detections_t> natural_detections;
   std::vector<natural_map_t> natural_maps;
+  std::vector<joint_t> joints;
   int undecodable = 0;
 
   // Poses that frames stand behind.

@@ -5,6 +5,7 @@
 #include <cmath>
 #include <cstdio>
 #include <exception>
+#include <map>
 #include <memory>
 #include <numbers>
 #include <optional>
@@ -28,6 +29,7 @@
 #include "tools/number_arguments.h"
 #include "tools/pose_stream.h"
 #include <waymark/health_t.hpp>
+#include <waymark/joint_t.hpp>
 #include <waymark/map_t.hpp>
 #include <waymark/pose_t.hpp>
 
@@ -89,6 +91,7 @@ void printJson(const pose_t& m) {
     json["reprojection_rms_px"] = m.reprojection_rms_px;
     json["ambiguity_ratio"] = m.ambiguity_ratio;
   }
+  json["map_piece"] = m.map_piece;
   json["latency_ns"] = m.latency_ns;
   // Text from the network need not be UTF-8.
   std::printf("%s\n", json.dump(-1, ' ', false, io::Json::error_handler_t::replace).c_str());
@@ -105,6 +108,7 @@ void printLine(const pose_t& m, bool with_sigma) {
   std::printf("p %8.4f %8.4f %8.4f m  q %7.4f %7.4f %7.4f %7.4f  %2d markers  %.3f px  %.2f ms",
               m.p_w_c[0], m.p_w_c[1], m.p_w_c[2], m.q_w_c[0], m.q_w_c[1], m.q_w_c[2], m.q_w_c[3],
               m.markers_used, m.reprojection_rms_px, 1e-6 * static_cast<double>(m.latency_ns));
+  if (m.map_piece != 0) std::printf("  piece %d", m.map_piece);
   if (with_sigma) {
     printSigma("world", m.covariance);
     printSigma("view", m.view_covariance);
@@ -134,6 +138,7 @@ class Echo {
   Status subscribe(lcm_t* lcm, const char* channel, lcm_msg_handler_t handler);
   void receivePose(const lcm_recv_buf_t& buffer);
   void receiveMap(const lcm_recv_buf_t& buffer);
+  void receiveJoint(const lcm_recv_buf_t& buffer);
   void receiveHealth(const lcm_recv_buf_t& buffer);
   void print();
   void tellSilence() const;
@@ -143,12 +148,14 @@ class Echo {
   const EchoOptions& options_;
   PoseStream stream_;
   LiveMap map_;
-  io::Trajectory trajectory_;  // for the picture
+  std::map<int, io::Trajectory> trajectories_;  // for the picture, by piece of the map
   pose_t pose_{};
   map_t map_piece_{};
   health_t health_{};
+  joint_t joint_{};
   std::optional<std::int64_t> first_utime_;  // of the first frame received
   std::int64_t next_line_ns_ = 0;            // monotonic
+  int tum_piece_ = 0;                        // of the last line of --tum
 };
 
 Result<ExitCode> Echo::run() {
@@ -165,6 +172,13 @@ Result<ExitCode> Echo::run() {
         static_cast<Echo*>(self)->receivePose(*buffer);
       });
   if (!poses) return poses.error();
+  if (!options_.quiet && !options_.tum && !options_.json) {
+    const Status joints =
+        subscribe(lcm.get(), "JOINT", [](const auto* buffer, const char*, void* self) {
+          static_cast<Echo*>(self)->receiveJoint(*buffer);
+        });
+    if (!joints) return joints.error();
+  }
   if (options_.stats) {
     const Status healths =
         subscribe(lcm.get(), "HEALTH", [](const auto* buffer, const char*, void* self) {
@@ -225,7 +239,7 @@ void Echo::receivePose(const lcm_recv_buf_t& buffer) {
   if (!first_utime_ && pose_.status != pose_t::STATUS_NO_CAMERA) first_utime_ = pose_.utime;
   if (!options_.picture_file.empty() && pose_.source != pose_t::SOURCE_NONE) {
     const Eigen::Quaterniond q(pose_.q_w_c[0], pose_.q_w_c[1], pose_.q_w_c[2], pose_.q_w_c[3]);
-    trajectory_.push_back(
+    trajectories_[pose_.map_piece].push_back(
         {1000 * pose_.utime, slam::Transform::fromQuaternion(q, Eigen::Vector3d(pose_.p_w_c))});
   }
   if (options_.quiet || now_ns < next_line_ns_) return;
@@ -237,6 +251,13 @@ void Echo::receiveMap(const lcm_recv_buf_t& buffer) {
   if (!decode(buffer, &map_piece_) || !map_.add(map_piece_)) stream_.addMalformed();
 }
 
+void Echo::receiveJoint(const lcm_recv_buf_t& buffer) {
+  if (!decode(buffer, &joint_)) return stream_.addMalformed();
+  const bool joined = joint_.kind == joint_t::KIND_JOINED;
+  std::printf("%8" PRId64 "  piece %d of the map %s piece %d\n", joint_.sequence, joint_.map_piece,
+              joined ? "is part of" : "is no part any more of", joint_.into);
+}
+
 void Echo::receiveHealth(const lcm_recv_buf_t& buffer) {
   if (!decode(buffer, &health_)) return stream_.addMalformed();
   stream_.add(health_);
@@ -246,22 +267,37 @@ void Echo::print() {
   if (options_.json) {
     printJson(pose_);
   } else if (options_.tum) {
+    if (pose_.source != pose_t::SOURCE_NONE && pose_.map_piece != tum_piece_) {
+      tum_piece_ = pose_.map_piece;
+      std::printf("# piece %d of the map, a world of its own\n", tum_piece_);
+    }
     printTum(pose_, options_.from_start ? first_utime_.value_or(0) : 0);
   } else {
     printLine(pose_, options_.sigma);
   }
 }
 
+// Files are of one world: the one that the camera is in at the end.
 Status Echo::writeFiles() const {
+  const int piece = pose_.map_piece;
+  if (map_.worlds() > 1 && (!options_.map_file.empty() || !options_.picture_file.empty())) {
+    std::fprintf(
+        stderr,
+        "waymark: the map has %zu pieces, each with a world of its own; files are of piece "
+        "%d\n",
+        map_.worlds(), piece);
+  }
   if (!options_.map_file.empty()) {
     Status written =
-        io::writeMarkerLayout(options_.map_file, map_.markers(), "the map as published");
+        io::writeMarkerLayout(options_.map_file, map_.markers(piece), "the map as published");
     if (!written) return written;
   }
   if (options_.picture_file.empty()) return success();
+  const auto found = trajectories_.find(piece);
+  const io::Trajectory trajectory = found == trajectories_.end() ? io::Trajectory() : found->second;
   return io::writeMapPicture(options_.picture_file, {.title = "Map and trajectory as published",
-                                                     .markers = map_.markers(),
-                                                     .estimate = trajectory_,
+                                                     .markers = map_.markers(piece),
+                                                     .estimate = trajectory,
                                                      .truth = {},
                                                      .z_is_up = false});
 }

@@ -1,5 +1,6 @@
 #include "tools/map_command.h"
 
+#include <algorithm>
 #include <cstdio>
 #include <functional>
 #include <memory>
@@ -40,6 +41,7 @@ struct InfoArguments {
 struct ExportArguments {
   std::string map;
   std::string format;
+  std::optional<int> piece;
   std::string out;
 };
 
@@ -96,13 +98,28 @@ std::string exported(const io::MapFile& file, const std::string& format) {
   return io::formatTrajectory(keyframePoses(file.map));  // tum
 }
 
+// Puts the piece in the place of the file's first one.
+Status choosePiece(const std::string& name, int piece, io::MapFile* file) {
+  if (file->map.piece == piece) return success();
+  const auto found = std::ranges::find(file->other_pieces, piece, &slam::Map::piece);
+  if (found == file->other_pieces.end()) {
+    return Error{name + ": has no piece " + std::to_string(piece)};
+  }
+  std::swap(file->map, *found);
+  return success();
+}
+
 Outcome exportMap(const ExportArguments& arguments) {
-  const Result<io::MapFile> file = io::readMap(arguments.map);
+  Result<io::MapFile> file = io::readMap(arguments.map);
   if (!file) return file.error();
+  if (arguments.piece) {
+    const Status chosen = choosePiece(arguments.map, *arguments.piece, &*file);
+    if (!chosen) return chosen.error();
+  }
   if (arguments.format == "tum" && file->map.keyframes().empty()) {
     return Error{arguments.map + ": has no keyframes, and so no poses"};
   }
-  tellOfOtherPieces(arguments.map, *file);
+  if (!arguments.piece) tellOfOtherPieces(arguments.map, *file);
   const Status written = io::writeTextFile(arguments.out, exported(*file, arguments.format));
   if (!written) return written.error();
   return std::string();
@@ -228,6 +245,8 @@ void addExport(CLI::App& map, int* exit_code) {
                    "(markers as faces), tum (poses of the keyframes)")
       ->required()
       ->check(CLI::IsMember({"aruco", "tagslam", "wpilib", "ply", "tum"}));
+  command->add_option("--piece", arguments->piece,
+                      "Which piece of a map in pieces; the first one in the file without");
   command->add_option("out", arguments->out, "The file to write")->required();
   onCall(command, arguments, exportMap, exit_code);
 }

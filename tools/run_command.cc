@@ -212,8 +212,6 @@ Result<RunSetup> prepare(const RunArguments& arguments) {
                  std::move(old_map).value(),
                  nullptr};
   setup.options.mapping = !settings->map.localize_only;
-  // The daemon begins none. What an image of no order shows may be known when it is tried again.
-  setup.options.pieces.begin = !as_recorded && !setup.input->unorderedImages();
   if (setup.input->unorderedImages()) setup.options.treatAsUnorderedImages();
   if (setup.old_map) io::agreeOnReadout(&*setup.old_map, &setup.options);
   const bool pictures_as_recorded = as_recorded && arguments.natural.empty() && !arguments.fps;

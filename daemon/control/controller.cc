@@ -196,6 +196,7 @@ Json Controller::mapStatus() const {
   json["markers"] = parts_.slam.map_markers.load(std::memory_order_relaxed);
   json["natural_markers"] = parts_.slam.map_natural_markers.load(std::memory_order_relaxed);
   json["keyframes"] = parts_.slam.map_keyframes.load(std::memory_order_relaxed);
+  json["pieces"] = parts_.slam.map_pieces.load(std::memory_order_relaxed);
   json["file"] = map_file_.string();
   json["changed_since_save"] = report.changed;
   json["last_save"] = report.last_save;

@@ -144,6 +144,7 @@ TEST_F(ControllerTest, StatusIsTheLatestHealthWithMapRecorderAndLogLevel) {
   output_.map_markers = 8;
   output_.map_natural_markers = 2;
   output_.map_keyframes = 3;
+  output_.map_pieces = 4;
 
   const Json status = askFor("status");
   EXPECT_TRUE(answered_at_once_);
@@ -154,6 +155,7 @@ TEST_F(ControllerTest, StatusIsTheLatestHealthWithMapRecorderAndLogLevel) {
   EXPECT_EQ(status["map"]["markers"], 8);
   EXPECT_EQ(status["map"]["natural_markers"], 2);
   EXPECT_EQ(status["map"]["keyframes"], 3);
+  EXPECT_EQ(status["map"]["pieces"], 4);
   EXPECT_EQ(status["map"]["file"], file_.string());
   EXPECT_EQ(status["map"]["changed_since_save"], false);
   EXPECT_TRUE(status["map"]["last_save_age_s"].is_null()) << "nothing has been saved";

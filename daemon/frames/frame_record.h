@@ -27,11 +27,16 @@ struct SeenMarker {
 struct FrameRecord {
   // As many as fit in one message of 60 kB with room to spare, and more than any picture shows.
   static constexpr int kMaxSeen = 256;
+  // One joint in a frame, and no more undone than are on trial.
+  static constexpr std::size_t kMaxEvents = 8;
 
   capture::FrameStamp stamp;
   slam::TrackingState state = slam::TrackingState::kInitializing;
   slam::NoPoseReason reason = slam::NoPoseReason::kNone;
   std::optional<slam::PoseEstimate> pose;
+  int map_piece = 0;  // that the camera is in, or was in last
+  std::size_t piece_events = 0;
+  std::array<slam::PieceEvent, kMaxEvents> events{};
   std::int64_t processing_ns = 0;  // from leaving the queue to this record
   // What of kFrameStages took longest, when processing took longer than the time between frames.
   std::optional<std::size_t> missed_deadline_in;
@@ -55,6 +60,7 @@ struct MapSnapshot {
     slam::Matrix6d covariance = slam::Matrix6d::Zero();  // in the world; zero where not known
     bool undecided = false;                              // there is a second pose
     int views = 0;                                       // keyframes that saw it
+    int map_piece = 0;                                   // whose world that is
   };
   struct Unposed {
     int id = -1;

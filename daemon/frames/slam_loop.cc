@@ -1,7 +1,8 @@
 #include "daemon/frames/slam_loop.h"
 
 #include <algorithm>
-#include <array>
+#include <utility>
+#include <vector>
 
 #include "base/clock.h"
 
@@ -16,12 +17,12 @@ SlamLoop::SlamLoop(std::unique_ptr<slam::Slam> slam, FrameQueue& frames, const C
       output_(output),
       options_(options) {
   output_.alive_ns.store(monotonicNs(), std::memory_order_relaxed);
-  std::array<std::size_t, 2> posed{};  // markers, and natural ones
-  for (const auto& [id, marker] : slam_->map().markers()) {
-    if (marker.T_w_m) ++posed[slam::isPicture(id) ? 1 : 0];
-  }
-  reportMapSize(posed[0], posed[1]);
-  map_changed_ = posed[0] + posed[1] > 0;  // subscribers have not heard of it
+  MapSnapshot begun_with;
+  const std::vector<const slam::Map*> pieces = slam_->pieces();
+  for (const slam::Map* const piece : pieces) addTo(&begun_with, *piece);
+  reportMapSize(begun_with, pieces.size());
+  // Subscribers have not heard of it.
+  map_changed_ = !begun_with.markers.empty() || !begun_with.pictures.empty();
 }
 
 void SlamLoop::run() {
@@ -87,6 +88,9 @@ void SlamLoop::record(const capture::FrameStamp& stamp, const slam::FrameInput& 
   record_.state = result.state;
   record_.reason = result.reason;
   record_.pose = result.pose;
+  record_.map_piece = slam_->map().piece;
+  record_.piece_events = std::min(result.piece_events.size(), record_.events.size());
+  std::copy_n(result.piece_events.begin(), record_.piece_events, record_.events.begin());
   record_.processing_ns = processing_ns;
   record_.missed_deadline_in.reset();
   if (tookTooLong(processing_ns)) record_.missed_deadline_in = clock_.longest();
@@ -115,35 +119,58 @@ void SlamLoop::handOnMapWhenDue(const capture::FrameStamp& stamp) {
 }
 
 void SlamLoop::handOnMap(const capture::FrameStamp& stamp) {
-  const slam::Map& map = slam_->map();
   MapSnapshot& snapshot = output_.map.writeBuffer();
   snapshot.stamp = stamp;
-  snapshot.keyframe_count = static_cast<int>(map.keyframes().size());
+  snapshot.keyframe_count = 0;
   snapshot.markers.clear();
   snapshot.pictures.clear();
   snapshot.unposed.clear();
-  for (const auto& [id, marker] : map.markers()) {
-    const int views = static_cast<int>(map.viewsOf(id).size());
-    if (!marker.T_w_m) {
-      if (!slam::isPicture(id)) {
-        snapshot.unposed.push_back({id, marker.size_m, marker.state, views});
-      }
-      continue;
-    }
-    auto& of_its_kind = slam::isPicture(id) ? snapshot.pictures : snapshot.markers;
-    of_its_kind.push_back({id, marker.size_m, *marker.T_w_m, marker.world_covariance,
-                           marker.other_T_w_m.has_value(), views});
-  }
-  reportMapSize(snapshot.markers.size(), snapshot.pictures.size());
+  const std::vector<const slam::Map*> pieces = slam_->pieces();
+  for (const slam::Map* const piece : pieces) addTo(&snapshot, *piece);
+  if (pieces.size() > 1) tellUnposedOnce(&snapshot);
+  reportMapSize(snapshot, pieces.size());
   output_.map.publish();
   map_changed_ = false;
 }
 
-void SlamLoop::reportMapSize(std::size_t markers, std::size_t natural_markers) {
-  output_.map_markers.store(static_cast<int>(markers), std::memory_order_relaxed);
-  output_.map_natural_markers.store(static_cast<int>(natural_markers), std::memory_order_relaxed);
-  output_.map_keyframes.store(static_cast<int>(slam_->map().keyframes().size()),
-                              std::memory_order_relaxed);
+// Several pieces may have seen a marker that one of them, or none, has a place for.
+void SlamLoop::tellUnposedOnce(MapSnapshot* snapshot) {
+  std::vector<MapSnapshot::Unposed>& unposed = snapshot->unposed;
+  std::erase_if(unposed, [&](const MapSnapshot::Unposed& marker) {
+    return std::ranges::find(snapshot->markers, marker.id, &MapSnapshot::Marker::id) !=
+           snapshot->markers.end();
+  });
+  std::ranges::sort(unposed, [](const auto& a, const auto& b) {
+    return std::pair(a.id, -a.views) < std::pair(b.id, -b.views);
+  });
+  const auto twice = std::ranges::unique(unposed, {}, &MapSnapshot::Unposed::id);
+  unposed.erase(twice.begin(), twice.end());
+}
+
+void SlamLoop::addTo(MapSnapshot* snapshot, const slam::Map& piece) {
+  snapshot->keyframe_count += static_cast<int>(piece.keyframes().size());
+  for (const auto& [id, marker] : piece.markers()) {
+    const int views = static_cast<int>(piece.viewsOf(id).size());
+    if (!marker.T_w_m) {
+      if (!slam::isPicture(id)) {
+        snapshot->unposed.push_back({id, marker.size_m, marker.state, views});
+      }
+      continue;
+    }
+    auto& of_its_kind = slam::isPicture(id) ? snapshot->pictures : snapshot->markers;
+    of_its_kind.push_back({id, marker.size_m, *marker.T_w_m, marker.world_covariance,
+                           marker.other_T_w_m.has_value(), views, piece.piece});
+  }
+}
+
+void SlamLoop::reportMapSize(const MapSnapshot& snapshot, std::size_t pieces) {
+  const auto store = [](std::atomic<int>* to, std::size_t count) {
+    to->store(static_cast<int>(count), std::memory_order_relaxed);
+  };
+  store(&output_.map_markers, snapshot.markers.size());
+  store(&output_.map_natural_markers, snapshot.pictures.size());
+  output_.map_keyframes.store(snapshot.keyframe_count, std::memory_order_relaxed);
+  store(&output_.map_pieces, pieces);
 }
 
 }  // namespace waymark::daemon

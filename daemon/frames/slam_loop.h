@@ -38,6 +38,7 @@ struct SlamOutput {
   std::atomic<int> map_markers{0};  // with a pose, in the map last handed on
   std::atomic<int> map_natural_markers{0};
   std::atomic<int> map_keyframes{0};
+  std::atomic<int> map_pieces{1};  // in the map last handed on
 };
 
 class SlamLoop {
@@ -74,7 +75,9 @@ class SlamLoop {
   void record(const capture::FrameStamp& stamp, const slam::FrameInput& input,
               const slam::FrameResult& result, std::int64_t processing_ns);
   void countMapChange();
-  void reportMapSize(std::size_t markers, std::size_t natural_markers);
+  void reportMapSize(const MapSnapshot& snapshot, std::size_t pieces);
+  static void addTo(MapSnapshot* snapshot, const slam::Map& piece);
+  static void tellUnposedOnce(MapSnapshot* snapshot);
   [[nodiscard]] bool tookTooLong(std::int64_t processing_ns) const;
   void handOnMapWhenDue(const capture::FrameStamp& stamp);
   void handOnMap(const capture::FrameStamp& stamp);

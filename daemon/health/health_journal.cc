@@ -37,6 +37,10 @@ HealthJournal::Changes HealthJournal::changes(const health_t& health) {
 std::string HealthJournal::describeState(const health_t& health) {
   std::string text = statusName(health.status);
   if (!health.reason.empty()) text += ": " + health.reason;
+  if (health.map_piece_count > 1) {
+    text += "; in piece " + std::to_string(health.map_piece) + " of a map of " +
+            std::to_string(health.map_piece_count) + " pieces";
+  }
   return text;
 }
 

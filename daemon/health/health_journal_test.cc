@@ -33,6 +33,16 @@ TEST(HealthJournal, TellsAStateOnce) {
             "relocalizing: no marker");
 }
 
+TEST(HealthJournal, SaysThePieceOfAMapInPieces) {
+  health_t health{};
+  health.status = pose_t::STATUS_TRACKING;
+  health.map_piece_count = 1;
+  EXPECT_EQ(HealthJournal::describeState(health), "tracking");
+  health.map_piece = 2;
+  health.map_piece_count = 3;
+  EXPECT_EQ(HealthJournal::describeState(health), "tracking; in piece 2 of a map of 3 pieces");
+}
+
 TEST(HealthJournal, AFlickeringStateIsToldAsItEndsUp) {
   HealthJournal journal;
   EXPECT_NE(journal.changes(healthAt(0, pose_t::STATUS_TRACKING)).state, "");

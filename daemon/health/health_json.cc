@@ -30,6 +30,8 @@ io::Json healthJson(const health_t& health) {
   json["uptime_ns"] = health.uptime_ns;
   json["status"] = statusName(health.status);
   json["reason"] = health.reason;
+  json["map_piece"] = health.map_piece;
+  json["map_pieces"] = health.map_piece_count;
   json["camera"] = {{"state", cameraName(health.camera)}, {"reason", health.camera_reason}};
   json["period_s"] = health.period_s;
   json["frame_rate_hz"] = health.frame_rate_hz;

@@ -24,6 +24,8 @@ TEST(HealthJson, HoldsEveryField) {
   health.temperatures.resize(1);
   health.temperatures[0].name = "cpu";
   health.temperatures[0].celsius = 51.5;
+  health.map_piece = 4;
+  health.map_piece_count = 2;
   const io::Json json = healthJson(health);
   EXPECT_EQ(json["version"], "1.2.3");
   EXPECT_EQ(json["uptime_ns"], 7);
@@ -32,6 +34,8 @@ TEST(HealthJson, HoldsEveryField) {
   EXPECT_EQ(json["camera"], (io::Json{{"state", "lost"}, {"reason", "unplugged"}}));
   EXPECT_EQ(json["pose_rate_hz"], 149.5);
   EXPECT_EQ(json["counters"], (io::Json{{"dropped.queue", 3}, {"slam.frames", 100}}));
+  EXPECT_EQ(json["map_piece"], 4);
+  EXPECT_EQ(json["map_pieces"], 2);
   EXPECT_EQ(json["temperatures_celsius"], (io::Json{{"cpu", 51.5}}));
 }
 

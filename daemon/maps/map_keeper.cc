@@ -4,6 +4,7 @@
 #include <cerrno>
 #include <cstdlib>
 #include <filesystem>
+#include <span>
 #include <system_error>
 #include <utility>
 
@@ -19,14 +20,28 @@ namespace {
 
 namespace fs = std::filesystem;
 
-std::string contents(const slam::Map& map) {
+std::string contents(std::span<const slam::Map* const> pieces) {
   const auto is_posed_picture = [](const auto& id_and_marker) {
     return slam::isPicture(id_and_marker.first) && id_and_marker.second.T_w_m.has_value();
   };
-  const auto natural = std::ranges::count_if(map.markers(), is_posed_picture);
-  return std::to_string(io::posedMarkerCorners(map).size()) + " markers, " +
+  std::size_t markers = 0;
+  std::size_t keyframes = 0;
+  std::ptrdiff_t natural = 0;
+  for (const slam::Map* const map : pieces) {
+    markers += io::posedMarkerCorners(*map).size();
+    keyframes += map->keyframes().size();
+    natural += std::ranges::count_if(map->markers(), is_posed_picture);
+  }
+  return std::to_string(markers) + " markers, " +
          (natural > 0 ? std::to_string(natural) + " natural markers, " : "") +
-         std::to_string(map.keyframes().size()) + " keyframes";
+         std::to_string(keyframes) + " keyframes" +
+         (pieces.size() > 1 ? " in " + std::to_string(pieces.size()) + " pieces" : "");
+}
+
+std::string contents(const io::MapFile& file) {
+  std::vector<const slam::Map*> pieces = {&file.map};
+  for (const slam::Map& other : file.other_pieces) pieces.push_back(&other);
+  return contents(pieces);
 }
 
 fs::path directoryOf(const fs::path& file) {
@@ -92,10 +107,15 @@ Result<StartMap> readConfiguredMap(const io::SlamSettings& settings,
 
 std::unique_ptr<slam::Slam> makeSlam(const io::SlamSettings& settings,
                                      const slam::Calibration& camera, const slam::Options& options,
-                                     slam::Map map) {
+                                     slam::Map map, std::vector<slam::Map> others) {
   return std::make_unique<slam::Slam>(slam::CameraModel(camera),
                                       *slam::Dictionary::byName(settings.dictionary), options,
-                                      std::move(map));
+                                      std::move(map), std::move(others));
+}
+
+std::string mapText(const slam::Slam& slam, const slam::Calibration& camera) {
+  const std::vector<const slam::Map*> pieces = slam.pieces();
+  return io::formatMap(*pieces.front(), camera, slam.readout_s(), {}, std::span(pieces).subspan(1));
 }
 
 fs::path previousOf(const fs::path& map_file) { return map_file.string() + ".previous"; }
@@ -124,30 +144,26 @@ Result<StartMap> readOtherMap(const fs::path& file, const io::SlamSettings& sett
   if (!old) return old.error();
   io::agreeOnReadout(&*old, &start.options);
   start.warnings = std::move(old->warnings);
-  if (!old->file.other_pieces.empty()) {
-    start.warnings.push_back(file.string() + ": has " +
-                             std::to_string(1 + old->file.other_pieces.size()) +
-                             " pieces, each with a world of its own; only piece " +
-                             std::to_string(old->file.map.piece) + " is used");
-  }
-  start.notes.push_back(file.string() + ": going on with " + contents(old->file.map));
+  start.notes.push_back(file.string() + ": going on with " + contents(old->file));
   start.map = std::move(old->file.map);
+  start.others = std::move(old->file.other_pieces);
   start.text = std::move(old->text);
   return start;
 }
 
-Result<std::string> writeMap(const io::SlamSettings& settings, const slam::Map& map,
-                             const slam::Calibration& camera, double readout_s) {
+Result<std::string> writeMap(const io::SlamSettings& settings, const slam::Slam& slam,
+                             const slam::Calibration& camera) {
   const fs::path& file = settings.map.out;
-  const std::string text = io::formatMap(map, camera, readout_s);
+  const std::string text = mapText(slam, camera);
   const Result<std::string> before = io::readTextFile(file, io::kMaxMapBytes);
-  if (before && *before == text) return file.string() + ": is as it was, " + contents(map);
+  const std::string what = contents(slam.pieces());
+  if (before && *before == text) return file.string() + ": is as it was, " + what;
   // What is no whole map must not take the place of one that may be.
   const bool keep = before && io::parseMap(*before, file).ok();
   const Status written =
       keep ? io::writeTextFileKeeping(file, text, previousOf(file)) : io::writeTextFile(file, text);
   if (!written) return written.error();
-  return file.string() + ": saved " + contents(map);
+  return file.string() + ": saved " + what;
 }
 
 Result<std::string> saveMap(const io::SlamSettings& settings, slam::Slam& slam) {
@@ -155,7 +171,7 @@ Result<std::string> saveMap(const io::SlamSettings& settings, slam::Slam& slam) 
   if (file.empty()) return std::string();
   if (slam.map().empty()) return file.string() + ": there is no map to save";
   slam::makeFinalMap({}, {}, &slam);
-  return writeMap(settings, slam.map(), slam.camera().calibration(), slam.readout_s());
+  return writeMap(settings, slam, slam.camera().calibration());
 }
 
 }  // namespace waymark::daemon

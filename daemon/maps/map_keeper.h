@@ -16,6 +16,7 @@ namespace waymark::daemon {
 
 struct StartMap {
   slam::Map map;                      // empty: begin anew
+  std::vector<slam::Map> others;      // of a map in pieces, those after the first
   std::string text;                   // of its file, byte for byte
   std::vector<std::string> warnings;  // for the log
   std::vector<std::string> notes;     // likewise: what came from where
@@ -23,10 +24,14 @@ struct StartMap {
   slam::Options options;              // with what the map knows of the camera
 };
 
-// A SLAM that begins with `map`.
+// A SLAM that begins with a map, in pieces or not.
 [[nodiscard]] std::unique_ptr<slam::Slam> makeSlam(const io::SlamSettings& settings,
                                                    const slam::Calibration& camera,
-                                                   const slam::Options& options, slam::Map map);
+                                                   const slam::Options& options, slam::Map map,
+                                                   std::vector<slam::Map> others = {});
+
+// The map as text, all pieces of it.
+[[nodiscard]] std::string mapText(const slam::Slam& slam, const slam::Calibration& camera);
 
 // The map before the one in a file, kept by saving.
 [[nodiscard]] std::filesystem::path previousOf(const std::filesystem::path& map_file);
@@ -47,10 +52,11 @@ struct StartMap {
                                             const io::SlamSettings& settings,
                                             const slam::Calibration& camera);
 
-// Writes a map to slam.map_out, if it has changed. The map that was there is kept as previousOf();
-// after a power cut at any time, one of the two is whole. Returns what became of it, for the log.
-[[nodiscard]] Result<std::string> writeMap(const io::SlamSettings& settings, const slam::Map& map,
-                                           const slam::Calibration& camera, double readout_s);
+// Writes the map to slam.map_out, if it has changed. The map that was there is kept as
+// previousOf(); after a power cut at any time, one of the two is whole. Returns what became of it,
+// for the log.
+[[nodiscard]] Result<std::string> writeMap(const io::SlamSettings& settings, const slam::Slam& slam,
+                                           const slam::Calibration& camera);
 
 // Optimizes the whole map and writes it. Without a map nothing is written. Returns what became of
 // it; empty without a map_out.

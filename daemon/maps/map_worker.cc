@@ -139,30 +139,34 @@ Result<std::string> MapWorker::perform(const Request& request) {
 Result<std::string> MapWorker::saveNow() {
   if (settings_.map.localize_only) return Error{"with slam.localize_only no map is written"};
   if (settings_.map.out.empty()) return Error{"slam.map_out is not configured"};
-  slam::Map map;
+  std::vector<slam::Map> pieces;
   double readout_s = 0.0;
   std::uint64_t revision = 0;
   std::int64_t copying_ns = 0;
   const bool copied = slam_requests_.run([&](const std::unique_ptr<slam::Slam>& slam) {
     const std::int64_t begin_ns = monotonicNs();
-    map = slam->map();
+    for (const slam::Map* const piece : slam->pieces()) pieces.push_back(*piece);
     copying_ns = monotonicNs() - begin_ns;
     readout_s = slam->readout_s();
     revision = output_.map_revision.load(std::memory_order_relaxed);
   });
   if (!copied) return kStopping;
   log_.debug("copying the map took the SLAM loop " + std::to_string(copying_ns / 1000) + " us");
-  if (map.empty()) return Error{"there is no map to save"};
-  Result<std::string> saved = saveCopy(std::move(map), readout_s);
+  if (pieces.front().empty()) return Error{"there is no map to save"};
+  Result<std::string> saved = saveCopy(std::move(pieces), readout_s);
   noteSave(saved, revision);
   return saved;
 }
 
 // Optimized as at the end of a recording, but without frames, in a SLAM that will see none.
-Result<std::string> MapWorker::saveCopy(slam::Map map, double readout_s) const {
-  const auto slam = makeSlam(settings_, camera_, settings_.options, std::move(map));
+Result<std::string> MapWorker::saveCopy(std::vector<slam::Map> pieces, double readout_s) const {
+  slam::Options options = settings_.options;
+  options.shutter.learned_s = readout_s;
+  slam::Map first = std::move(pieces.front());
+  pieces.erase(pieces.begin());
+  const auto slam = makeSlam(settings_, camera_, options, std::move(first), std::move(pieces));
   slam::makeFinalMap({}, {}, slam.get());
-  return writeMap(settings_, slam->map(), camera_, readout_s);
+  return writeMap(settings_, *slam, camera_);
 }
 
 Result<std::string> MapWorker::loadNow(const fs::path& asked) {
@@ -192,7 +196,8 @@ Result<std::string> MapWorker::resetNow() {
 
 // The SLAM that was is destroyed here, too.
 Result<std::string> MapWorker::goOnWith(StartMap start) {
-  auto slam = makeSlam(settings_, camera_, start.options, std::move(start.map));
+  auto slam =
+      makeSlam(settings_, camera_, start.options, std::move(start.map), std::move(start.others));
   if (!slam_requests_.run([&](std::unique_ptr<slam::Slam>& running) { running.swap(slam); })) {
     return kStopping;
   }
@@ -207,8 +212,7 @@ Result<std::string> MapWorker::goOnWith(StartMap start) {
 std::string MapWorker::keepReplaced(const slam::Slam& before) {
   if (settings_.map.out.empty() || settings_.map.localize_only || before.map().empty()) return "";
   const fs::path file = replacedOf(settings_.map.out);
-  const Status written =
-      io::writeTextFile(file, io::formatMap(before.map(), camera_, before.readout_s()));
+  const Status written = io::writeTextFile(file, mapText(before, camera_));
   if (written) return "; the one before is in " + file.string();
   log_.warning("the map before is not kept: " + written.error().message);
   save_failures_.fetch_add(1, std::memory_order_relaxed);

@@ -15,6 +15,7 @@
 #include <optional>
 #include <string>
 #include <utility>
+#include <vector>
 
 #include "base/result.h"
 #include "daemon/frames/slam_loop.h"
@@ -94,7 +95,7 @@ class MapWorker {
   void saveByItself();
   [[nodiscard]] Result<std::string> perform(const Request& request);
   [[nodiscard]] Result<std::string> saveNow();
-  [[nodiscard]] Result<std::string> saveCopy(slam::Map map, double readout_s) const;
+  [[nodiscard]] Result<std::string> saveCopy(std::vector<slam::Map> pieces, double readout_s) const;
   [[nodiscard]] Result<std::string> loadNow(const std::filesystem::path& asked);
   [[nodiscard]] Result<std::string> resetNow();
   [[nodiscard]] Result<std::string> goOnWith(StartMap start);

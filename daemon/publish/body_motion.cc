@@ -30,7 +30,9 @@ BodyState BodyMotion::update(const slam::PoseEstimate& pose, std::int64_t monoto
   const Transform T_w_b = pose.T_w_c * T_c_b;
   const Matrix6d covariance = covarianceOfBody(pose, T_c_b);
   const double dt_s = last_ns_ ? 1e-9 * static_cast<double>(monotonic_ns - *last_ns_) : -1.0;
-  if (dt_s <= 0.0 || dt_s > options_.max_gap_s) {
+  const bool elsewhere = pose.piece != piece_;
+  piece_ = pose.piece;
+  if (dt_s <= 0.0 || dt_s > options_.max_gap_s || elsewhere) {
     begin(T_w_b, covariance);
   } else {
     predict(dt_s);
@@ -42,6 +44,19 @@ BodyState BodyMotion::update(const slam::PoseEstimate& pose, std::int64_t monoto
   last_ns_ = monotonic_ns;
   return {T_w_b, T_w_b.R.transpose() * twist_w_.head<3>(),
           T_w_b.R.transpose() * twist_w_.tail<3>()};
+}
+
+void BodyMotion::enterWorld(int piece, const slam::PieceEvent& event) {
+  const bool forth = piece_ == event.piece && piece == event.into;
+  const bool back = piece_ == event.into && piece == event.piece;
+  if (!forth && !back) return;
+  piece_ = piece;
+  const Transform T_v_w = forth ? event.T_into_piece : event.T_into_piece.inverse();
+  T_w_b_ = T_v_w * T_w_b_;
+  Matrix12d turn = Matrix12d::Zero();
+  for (int i = 0; i < 12; i += 3) turn.block<3, 3>(i, i) = T_v_w.R;
+  twist_w_ = turn.topLeftCorner<6, 6>() * twist_w_;
+  covariance_ = turn * covariance_ * turn.transpose();
 }
 
 void BodyMotion::begin(const Transform& T_w_b, const Matrix6d& covariance) {

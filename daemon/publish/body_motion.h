@@ -6,6 +6,7 @@
 
 #include <Eigen/Core>
 
+#include "slam/frame.h"
 #include "slam/geometry/transform.h"
 #include "slam/pose_estimate.h"
 
@@ -39,7 +40,11 @@ class BodyMotion {
   explicit BodyMotion(const Options& options) : options_(options) {}
 
   // The state with this frame's pose. Velocities are zero in the first frame.
+  // In another piece of the map, of whose world nothing was told, too.
   [[nodiscard]] BodyState update(const slam::PoseEstimate& pose, std::int64_t monotonic_ns);
+  // Poses come in the world of `piece` from now on. Where the event says how that lies to the world
+  // before, the velocity stays what it was, seen from there.
+  void enterWorld(int piece, const slam::PieceEvent& event);
 
  private:
   using Vector12d = Eigen::Matrix<double, 12, 1>;
@@ -52,6 +57,7 @@ class BodyMotion {
 
   const Options options_;
   std::optional<std::int64_t> last_ns_;
+  int piece_ = 0;
   bool jumped_ = false;                              // in the last frame
   slam::Transform T_w_b_;                            // the filter's
   slam::Vector6d twist_w_ = slam::Vector6d::Zero();  // velocity and rotation rate, world frame

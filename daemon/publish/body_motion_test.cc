@@ -111,6 +111,37 @@ TEST(BodyMotion, WhatTheMapDoesNotKnowOfItselfIsNoNoiseOfTheFrames) {
   }
 }
 
+// Two pieces of the map become one: the world is another one, the motion is not.
+TEST(BodyMotion, InAnotherWorldItGoesOnAsItDid) {
+  BodyMotion motion({});
+  Transform T_v_w;
+  T_v_w.R = Eigen::AngleAxisd(2.0, Eigen::Vector3d::UnitZ()).toRotationMatrix();
+  T_v_w.p = {5.0, -3.0, 1.0};
+  for (int frame = 0; frame < 300; ++frame) {
+    slam::PoseEstimate pose = estimate(onCircle(frame / kRate_hz));
+    pose.piece = 4;
+    if (frame >= 150 && frame < 220) {
+      pose.T_w_c = T_v_w * pose.T_w_c;
+      pose.piece = 1;
+    }
+    if (frame == 150) motion.enterWorld(1, {slam::PieceEvent::Kind::kJoined, 4, 1, T_v_w, {}});
+    if (frame == 220) motion.enterWorld(4, {slam::PieceEvent::Kind::kParted, 4, 1, T_v_w, {}});
+    const BodyState state = motion.update(pose, timeNs(frame));
+    if (frame < 50) continue;
+    EXPECT_LT((state.velocity_b - Eigen::Vector3d(kSpeed, 0.0, 0.0)).norm(), 0.05) << frame;
+  }
+}
+
+TEST(BodyMotion, InAPieceThatNobodyConnectedItStartsAnew) {
+  BodyMotion motion({});
+  for (int frame = 0; frame < 50; ++frame) {
+    (void)motion.update(estimate(onCircle(frame / kRate_hz)), timeNs(frame));
+  }
+  slam::PoseEstimate pose = estimate(onCircle(50 / kRate_hz));
+  pose.piece = 1;
+  EXPECT_EQ(motion.update(pose, timeNs(50)).velocity_b.norm(), 0.0);
+}
+
 TEST(BodyMotion, AnUnexpectedMotionIsFollowedAllTheSame) {
   BodyMotion motion({});
   BodyState state;

@@ -10,6 +10,7 @@
 #include "daemon/frames/frame_record.h"
 #include "daemon/publish/body_motion.h"
 #include <waymark/detections_t.hpp>
+#include <waymark/joint_t.hpp>
 #include <waymark/map_t.hpp>
 #include <waymark/pose_t.hpp>
 
@@ -29,7 +30,9 @@ void fillNoCamera(const std::string& reason, std::int64_t utime, std::int64_t mo
 void fillDetections(const FrameRecord& record, const std::string& dictionary,
                     detections_t& message);
 
-// Pieces of a map, each below 60 kB.
+void fillJoint(const slam::PieceEvent& event, const capture::FrameStamp& stamp, joint_t& message);
+
+// Parts of a map, each below 60 kB.
 [[nodiscard]] int mapPieceCount(const MapSnapshot& map);
 void fillMapPiece(const MapSnapshot& map, const std::string& dictionary, std::int64_t revision,
                   int piece, map_t& message);

@@ -35,6 +35,7 @@ FrameRecord localizedRecord() {
   pose.reprojection_rms_px = 0.2;
   pose.ambiguity_ratio = 9.0;
   record.pose = pose;
+  record.map_piece = 6;
   return record;
 }
 
@@ -61,6 +62,26 @@ TEST(PoseMessage, CarriesTheEstimate) {
   EXPECT_EQ(message.markers_used, 4);
   EXPECT_EQ(message.reprojection_rms_px, 0.2);
   EXPECT_EQ(message.ambiguity_ratio, 9.0);
+  EXPECT_EQ(message.map_piece, 6);
+}
+
+TEST(JointMessage, SaysWhereTheCoordinatesWent) {
+  slam::PieceEvent event{slam::PieceEvent::Kind::kParted, 3, 1, someTransform(), {}};
+  event.covariance = slam::Matrix6d::Identity();
+  event.covariance(0, 1) = 0.5;
+  joint_t message{};
+  fillJoint(event, {.sequence = 12, .monotonic_ns = 5'000, .utime = 77}, message);
+  EXPECT_EQ(message.utime, 77);
+  EXPECT_EQ(message.monotonic_ns, 5'000);
+  EXPECT_EQ(message.sequence, 12);
+  EXPECT_EQ(message.kind, joint_t::KIND_PARTED);
+  EXPECT_EQ(message.map_piece, 3);
+  EXPECT_EQ(message.into, 1);
+  for (int i = 0; i < 3; ++i) EXPECT_EQ(message.p_into_piece[i], someTransform().p[i]);
+  EXPECT_EQ(message.covariance[1], 0.5);
+  event.kind = slam::PieceEvent::Kind::kJoined;
+  fillJoint(event, {}, message);
+  EXPECT_EQ(message.kind, joint_t::KIND_JOINED);
 }
 
 TEST(PoseMessage, WithoutPoseSaysWhyAndHowOldAndKeepsNothingOfTheLast) {

@@ -73,6 +73,7 @@ void fillNaturalMapPiece(const MapSnapshot& map, const PrintsById& prints, std::
     put(picture.T_w_m.p, out.p_w_m);
     put(picture.T_w_m.quaternion(), out.q_w_m);
     put(picture.covariance, out.covariance);
+    out.map_piece = picture.map_piece;
   }
 }
 

@@ -46,6 +46,7 @@ Publisher::Publisher(const Configuration::Publish& options, const BodyMotion::Op
       health_channel_(options.channel_prefix + "HEALTH"),
       natural_detections_channel_(options.channel_prefix + "NATURAL"),
       natural_map_channel_(options.channel_prefix + "NATURAL_MAP"),
+      joint_channel_(options.channel_prefix + "JOINT"),
       input_(input),
       camera_(camera),
       frames_(frames),
@@ -79,12 +80,15 @@ void Publisher::publishFrame() {
     ++deadlines_missed_[*record_.missed_deadline_in];
   }
 
+  publishJoints();
+
   const std::int8_t status_before = pose_.status;
+  const std::int32_t piece_before = pose_.map_piece;
   fillPose(record_, last_pose_ns_, pose_);
   pose_.latency_ns = monotonicNs() - record_.stamp.monotonic_ns;
   ++(send(pose_channel_, pose_) ? poses_sent_ : poses_unsent_);
   statistics_.add(record_.pose.has_value(), pose_.latency_ns, record_.processing_ns);
-  if (pose_.status != status_before) health_changed_ = true;
+  if (pose_.status != status_before || pose_.map_piece != piece_before) health_changed_ = true;
 
   if (record_.pose) {
     fillBotCorePose(body_.update(*record_.pose, record_.stamp.monotonic_ns), record_.stamp.utime,
@@ -96,6 +100,16 @@ void Publisher::publishFrame() {
     send(detections_channel_, detections_);
   }
   publishNaturalDetections();
+}
+
+// Before the pose whose coordinates are other ones for it.
+void Publisher::publishJoints() {
+  for (const slam::PieceEvent& event : std::span(record_.events).first(record_.piece_events)) {
+    fillJoint(event, record_.stamp, joint_);
+    send(joint_channel_, joint_);
+    body_.enterWorld(record_.map_piece, event);
+    health_changed_ = true;
+  }
 }
 
 // A recording needs them to give the same poses again, so that nobody can switch them off.
@@ -157,6 +171,8 @@ void Publisher::publishHealth(std::int64_t now_ns) {
   health_.uptime_ns = now_ns - started_ns_;
   health_.status = pose_.status;
   health_.reason = pose_.reason;
+  health_.map_piece = pose_.map_piece;
+  health_.map_piece_count = input_.map_pieces.load(std::memory_order_relaxed);
   health_.camera = cameraState(camera_report_.state);
   health_.camera_reason = camera_report_.reason;
   statistics_.report(now_ns, health_);

@@ -62,6 +62,7 @@ class Publisher {
   };
 
   void publishFrame();
+  void publishJoints();
   void publishNaturalDetections();
   void publishMap(std::int64_t now_ns);
   void watchCamera(std::int64_t now_ns);
@@ -82,7 +83,7 @@ class Publisher {
   std::atomic<bool> detections_wanted_;
   const std::string dictionary_;
   const std::string pose_channel_, detections_channel_, map_channel_, health_channel_;
-  const std::string natural_detections_channel_, natural_map_channel_;
+  const std::string natural_detections_channel_, natural_map_channel_, joint_channel_;
   SlamOutput& input_;
   const CameraStatus& camera_;
   const FrameQueue& frames_;
@@ -100,6 +101,7 @@ class Publisher {
   map_t map_{};
   natural_detections_t natural_detections_{};
   natural_map_t natural_map_{};
+  joint_t joint_{};
   health_t health_{};
   bot_core::pose_t bot_core_pose_{};
   std::array<std::uint8_t, kMaxMessageBytes> bytes_{};

@@ -223,6 +223,34 @@ TEST_F(PublisherTest, AMapComesInPiecesOfOneRevision) {
   EXPECT_EQ(all.maps[2].piece_count, 1);
 }
 
+TEST_F(PublisherTest, AJointIsToldBeforeThePoseWhoseCoordinatesAreOtherOnes) {
+  camera_.report(CameraState::kRunning, "");
+  start();
+  FrameRecord before = localized(4);
+  before.map_piece = before.pose->piece = 3;
+  give(before);
+  FrameRecord record = localized(5);
+  record.map_piece = record.pose->piece = 1;
+  record.piece_events = 1;
+  record.events[0] = {slam::PieceEvent::Kind::kJoined, 3, 1, {}, slam::Matrix6d::Identity()};
+  record.events[0].T_into_piece.p = {1.0, 2.0, 3.0};
+  output_.map_pieces = 2;
+  give(record);
+  ASSERT_TRUE(comes([](const Received& r) { return r.poses.size() == 2; }));
+  ASSERT_TRUE(comes([](const Received& r) { return r.joints.size() == 1; }));
+  const Received all = allOfIt();
+  EXPECT_EQ(all.poses[0].map_piece, 3);
+  EXPECT_EQ(all.poses[1].map_piece, 1);
+  EXPECT_EQ(all.joints[0].kind, joint_t::KIND_JOINED);
+  EXPECT_EQ(all.joints[0].sequence, 5);
+  EXPECT_EQ(all.joints[0].map_piece, 3);
+  EXPECT_EQ(all.joints[0].into, 1);
+  EXPECT_EQ(all.joints[0].p_into_piece[2], 3.0);
+  EXPECT_EQ(all.healths.back().map_piece, 1);
+  EXPECT_EQ(all.healths.back().map_piece_count, 2);
+  EXPECT_EQ(all.undecodable, 0);
+}
+
 // --- Health --------------------------------------------------------------------------------------
 
 TEST_F(PublisherTest, HealthComesOnceASecondWhileNothingChanges) {

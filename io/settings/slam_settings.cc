@@ -194,6 +194,8 @@ std::vector<Setting> slamSettingKeys(SlamSettings& target) {
       numberSetting("slam.work_per_frame", o.work_per_frame, 10.0, 1e6, ""),
       numberSetting("slam.initialization.ambiguity_ratio", o.initialization.ambiguity_ratio, 1.0,
                     1000.0, ""),
+      flagSetting("slam.pieces.begin", o.pieces.begin),
+      integerSetting("slam.pieces.max_pieces", o.pieces.max_pieces, 1, 10'000),
       flagSetting("slam.covariance.enabled", o.covariance.enabled),
       numberSetting("slam.covariance.cost_per_frame", o.covariance.cost_per_frame, 1.0, 1e6, ""),
       flagSetting("slam.natural.enabled", o.natural.enabled),

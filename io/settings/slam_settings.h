@@ -22,8 +22,15 @@ struct MapSettings {
 
 struct SlamSettings {
   std::string dictionary;
-  slam::Options options;
+  slam::Options options = beginningPieces();  // what uses these says the piece of every pose
   MapSettings map;
+
+ private:
+  static slam::Options beginningPieces() {
+    slam::Options options;
+    options.pieces.begin = true;
+    return options;
+  }
 };
 
 // The keys of [slam]: "slam." and the path in slam::Options, but for dictionary, marker_size_m,

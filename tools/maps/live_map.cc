@@ -29,25 +29,33 @@ std::optional<io::MarkerCorners> markerCorners(const marker_t& m) {
 
 }  // namespace
 
-bool LiveMap::add(const map_t& piece) {
-  if (piece.piece < 0 || piece.piece >= piece.piece_count) return false;
-  std::vector<io::MarkerCorners> markers;
-  for (const marker_t& marker : piece.markers) {
+std::vector<io::MarkerCorners> LiveMap::markers(int map_piece) const {
+  const auto world = worlds_.find(map_piece);
+  return world == worlds_.end() ? std::vector<io::MarkerCorners>() : world->second;
+}
+
+bool LiveMap::add(const map_t& part) {
+  if (part.piece < 0 || part.piece >= part.piece_count) return false;
+  Worlds worlds;
+  for (const marker_t& marker : part.markers) {
     const std::optional<io::MarkerCorners> corners = markerCorners(marker);
     if (!corners) return false;
-    markers.push_back(*corners);
+    worlds[marker.map_piece].push_back(*corners);
   }
 
-  if (piece.revision != revision_) pieces_.clear();
-  revision_ = piece.revision;
-  pieces_[piece.piece] = std::move(markers);
-  if (std::cmp_less(pieces_.size(), piece.piece_count)) return true;
+  if (part.revision != revision_) parts_.clear();
+  revision_ = part.revision;
+  parts_[part.piece] = std::move(worlds);
+  if (std::cmp_less(parts_.size(), part.piece_count)) return true;
 
-  markers_.clear();
-  for (const auto& [number, part] : pieces_) {
-    markers_.insert(markers_.end(), part.begin(), part.end());
+  worlds_.clear();
+  for (const auto& [number, some] : parts_) {
+    for (const auto& [piece, markers] : some) {
+      std::vector<io::MarkerCorners>& world = worlds_[piece];
+      world.insert(world.end(), markers.begin(), markers.end());
+    }
   }
-  std::ranges::sort(markers_, {}, &io::MarkerCorners::id);
+  for (auto& [piece, markers] : worlds_) std::ranges::sort(markers, {}, &io::MarkerCorners::id);
   return true;
 }
 

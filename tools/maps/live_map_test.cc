@@ -40,6 +40,19 @@ TEST(LiveMap, IsCompleteWithItsLastPieceWhateverTheOrder) {
   EXPECT_TRUE(map.markers()[0].corners[0].isApprox(Eigen::Vector3d(2.9, 0.1, 0.0)));
 }
 
+TEST(LiveMap, HoldsAWorldForEachPieceOfTheMap) {
+  LiveMap map;
+  marker_t other = markerAt(7, 2.0);
+  other.map_piece = 3;
+  EXPECT_TRUE(map.add(pieceOf(1, 0, 1, {markerAt(9, 1.0), other})));
+  EXPECT_EQ(map.worlds(), 2U);
+  ASSERT_EQ(map.markers().size(), 1U);
+  EXPECT_EQ(map.markers()[0].id, 9);
+  ASSERT_EQ(map.markers(3).size(), 1U);
+  EXPECT_EQ(map.markers(3)[0].id, 7);
+  EXPECT_TRUE(map.markers(1).empty());
+}
+
 TEST(LiveMap, AnIncompleteRevisionLeavesTheOneBefore) {
   LiveMap map;
   EXPECT_TRUE(map.add(pieceOf(1, 0, 1, {markerAt(1, 0.0)})));
