@@ -4,6 +4,7 @@
 #include <iterator>
 #include <utility>
 
+#include "base/elapsed.h"
 #include "slam/batch_mapper.h"
 #include "slam/camera/undistort_map.h"
 #include "slam/geometry/turned_covariance.h"
@@ -73,7 +74,7 @@ FrameResult PieceSet::process(const FrameInput& frame, std::span<const MarkerDet
   tellWhatOthersHave(active_, detections);
   FrameResult result;
   auto trusted = believed(frame, detections);
-  if (hangsOnOne(trusted)) {
+  if (hangsOnOne(trusted, frame.time.monotonic_ns)) {
     begin(frame, detections, observer, &result);
     trusted = knownTo(active_, trusted);
   }
@@ -95,7 +96,7 @@ FrameResult PieceSet::process(const FrameInput& frame, std::span<const MarkerDet
     watchTrials(frame, detections, observer, &result);
     lookForJoint(frame, &result);
   }
-  lost_ = !result.pose;
+  if (result.pose) last_pose_ns_ = frame.time.monotonic_ns;
   result.piece_events = events_;
   return result;
 }
@@ -132,7 +133,7 @@ std::span<const MarkerDetection> PieceSet::believed(const FrameInput& frame,
 // Found again by one marker, among others that nobody knows: if that id hangs twice, the camera may
 // be anywhere, and what it sees must not grow into the piece. A new piece says so; what joins the
 // two is tested. Until one has begun, or a second marker is known, the pose goes on by that one.
-bool PieceSet::hangsOnOne(std::span<const MarkerDetection> detections) {
+bool PieceSet::hangsOnOne(std::span<const MarkerDetection> detections, std::int64_t time_ns) {
   if (!options_.mapping || !options_.pieces.begin) return false;
   const Map& map = active().map();
   const auto known = std::ranges::count_if(
@@ -141,9 +142,14 @@ bool PieceSet::hangsOnOne(std::span<const MarkerDetection> detections) {
     hangs_on_one_ = hangs_on_one_ && known == 0;
     return false;
   }
-  hangs_on_one_ = hangs_on_one_ || lost_;
+  hangs_on_one_ = hangs_on_one_ || mayBeElsewhere(time_ns);
   return hangs_on_one_ &&
          std::ranges::any_of(detections, [&](const MarkerDetection& d) { return isNobodys(d); });
+}
+
+// It was lost for so long that it may have been carried there.
+bool PieceSet::mayBeElsewhere(std::int64_t time_ns) const {
+  return last_pose_ns_ && secondsBetween(*last_pose_ns_, time_ns) > options_.pieces.carried_s;
 }
 
 // Valid until the next call.
@@ -211,7 +217,8 @@ void PieceSet::goElsewhere(const FrameInput& frame, std::span<const MarkerDetect
     if (options_.mapping && otherPrint(id, detections) != nullptr) continue;
     tellWhatOthersHave(id, detections);
     const auto known = knownTo(id, detections);
-    const bool hangs = options_.pieces.begin && known.size() == 1;
+    const bool hangs =
+        options_.pieces.begin && known.size() == 1 && mayBeElsewhere(frame.time.monotonic_ns);
     FrameResult there = pieces_.at(id)->process(frame, hangs ? known : detections, Turn::kOthers,
                                                 allowance(), observer);
     if (!there.pose) continue;

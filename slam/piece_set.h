@@ -77,7 +77,8 @@ class PieceSet {
                                             std::span<const MarkerDetection> detections);
   [[nodiscard]] const MarkerDetection* otherPrint(
       int piece, std::span<const MarkerDetection> detections) const;
-  bool hangsOnOne(std::span<const MarkerDetection> detections);
+  bool hangsOnOne(std::span<const MarkerDetection> detections, std::int64_t time_ns);
+  [[nodiscard]] bool mayBeElsewhere(std::int64_t time_ns) const;
   std::span<const MarkerDetection> knownTo(int piece, std::span<const MarkerDetection> detections);
   void noteOtherPrint(int marker_id, std::int64_t time_ns);
   void refuse(int marker_id);
@@ -131,10 +132,10 @@ class PieceSet {
   std::map<int, std::unique_ptr<Piece>> pieces_;  // by id
   int active_ = 0;
   int next_id_ = 1;
-  bool lost_ = false;            // in the last frame
-  bool hangs_on_one_ = false;    // marker, since it was lost
-  std::unique_ptr<Piece> next_;  // not begun yet; null as long as it was not needed
-  std::map<int, int> owner_;     // the piece that a marker has its place in; empty with one piece
+  std::optional<std::int64_t> last_pose_ns_;  // in any of them
+  bool hangs_on_one_ = false;                 // marker, since it was lost
+  std::unique_ptr<Piece> next_;               // not begun yet; null as long as it was not needed
+  std::map<int, int> owner_;  // the piece that a marker has its place in; empty with one piece
   std::map<int, Joined> joined_;
   std::set<int> anchored_;                // those that were found to be, with several
   std::set<std::pair<int, int>> wanted_;  // pieces that may be connected by now

@@ -50,7 +50,7 @@ class TwoRooms {
     }
   }
   void dark() {
-    for (int i = 0; i < 12; ++i) show({});
+    for (int i = 0; i < 20; ++i) show({});
   }
 
   [[nodiscard]] double longestWrong_s() const { return longest_wrong_s_; }

@@ -91,6 +91,7 @@ void printJson(const pose_t& m) {
     json["reprojection_rms_px"] = m.reprojection_rms_px;
     json["ambiguity_ratio"] = m.ambiguity_ratio;
   }
+  json["map_piece"] = m.map_piece;
   json["latency_ns"] = m.latency_ns;
   // Text from the network need not be UTF-8.
   std::printf("%s\n", json.dump(-1, ' ', false, io::Json::error_handler_t::replace).c_str());
@@ -171,7 +172,7 @@ Result<ExitCode> Echo::run() {
         static_cast<Echo*>(self)->receivePose(*buffer);
       });
   if (!poses) return poses.error();
-  if (!options_.quiet && !options_.tum) {
+  if (!options_.quiet && !options_.tum && !options_.json) {
     const Status joints =
         subscribe(lcm.get(), "JOINT", [](const auto* buffer, const char*, void* self) {
           static_cast<Echo*>(self)->receiveJoint(*buffer);

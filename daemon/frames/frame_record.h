@@ -69,9 +69,9 @@ struct MapSnapshot {
     double size_m = 0.0;
     slam::Transform T_w_m;
     slam::Matrix6d covariance = slam::Matrix6d::Zero();  // in the world; zero where not known
-    int map_piece = 0;                                   // whose world that is
     bool undecided = false;                              // there is a second pose
     int views = 0;                                       // keyframes that saw it
+    int map_piece = 0;                                   // whose world that is
   };
   struct Unposed {
     int id = -1;

@@ -1,6 +1,7 @@
 #include "daemon/frames/slam_loop.h"
 
 #include <algorithm>
+#include <utility>
 #include <vector>
 
 #include "base/clock.h"
@@ -137,9 +138,24 @@ void SlamLoop::handOnMap(const capture::FrameStamp& stamp) {
   snapshot.unposed.clear();
   const std::vector<const slam::Map*> pieces = slam_->pieces();
   for (const slam::Map* const piece : pieces) addTo(&snapshot, *piece);
+  if (pieces.size() > 1) tellUnposedOnce(&snapshot);
   reportMapSize(snapshot, pieces.size());
   output_.map.publish();
   map_changed_ = false;
+}
+
+// Several pieces may have seen a marker that one of them, or none, has a place for.
+void SlamLoop::tellUnposedOnce(MapSnapshot* snapshot) {
+  std::vector<MapSnapshot::Unposed>& unposed = snapshot->unposed;
+  std::erase_if(unposed, [&](const MapSnapshot::Unposed& marker) {
+    return std::ranges::find(snapshot->markers, marker.id, &MapSnapshot::Marker::id) !=
+           snapshot->markers.end();
+  });
+  std::ranges::sort(unposed, [](const auto& a, const auto& b) {
+    return std::pair(a.id, -a.views) < std::pair(b.id, -b.views);
+  });
+  const auto twice = std::ranges::unique(unposed, {}, &MapSnapshot::Unposed::id);
+  unposed.erase(twice.begin(), twice.end());
 }
 
 void SlamLoop::addTo(MapSnapshot* snapshot, const slam::Map& piece) {
@@ -147,16 +163,14 @@ void SlamLoop::addTo(MapSnapshot* snapshot, const slam::Map& piece) {
   for (const auto& [id, marker] : piece.markers()) {
     const int views = static_cast<int>(piece.viewsOf(id).size());
     if (!marker.T_w_m) {
-      // What is elsewhere has its place in another piece.
-      const bool nowhere = marker.state != slam::MarkerState::kElsewhere;
-      if (nowhere && !slam::isPicture(id)) {
+      if (!slam::isPicture(id)) {
         snapshot->unposed.push_back({id, marker.size_m, marker.state, views});
       }
       continue;
     }
     auto& of_its_kind = slam::isPicture(id) ? snapshot->pictures : snapshot->markers;
-    of_its_kind.push_back({id, marker.size_m, *marker.T_w_m, marker.world_covariance, piece.piece,
-                           marker.other_T_w_m.has_value(), views});
+    of_its_kind.push_back({id, marker.size_m, *marker.T_w_m, marker.world_covariance,
+                           marker.other_T_w_m.has_value(), views, piece.piece});
   }
 }
 

@@ -11,7 +11,7 @@
 namespace waymark::daemon {
 namespace {
 
-// 140 markers of 369 bytes and as many without a pose, of 17: 54 kB, below the 60 kB above which
+// 140 markers of 373 bytes and as many without a pose, of 17: 54 kB, below the 60 kB above which
 // messages get lost in the field.
 constexpr std::size_t kMarkersPerPiece = 140;
 
@@ -205,6 +205,7 @@ void fillMapPiece(const MapSnapshot& map, const std::string& dictionary, std::in
     out.state = marker.undecided ? marker_t::STATE_UNDECIDED : marker_t::STATE_MAPPED;
     out.views = marker.views;
     out.sigma_m = positionSigma(marker.covariance);
+    out.map_piece = marker.map_piece;
   }
   const auto unposed = ofPiece(map.unposed, static_cast<std::size_t>(piece));
   message.unposed_count = static_cast<std::int32_t>(unposed.size());

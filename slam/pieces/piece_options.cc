@@ -7,6 +7,7 @@ namespace waymark::slam {
 std::string PieceOptions::invalidReason() const {
   return firstUnmet({
       {max_pieces >= 1, "a map has at least 1 piece"},
+      {isNotNegative(carried_s), "the time to be carried away must not be negative"},
       {ambiguity_ratio >= 1.0 && ratio_of_few_views >= 1.0, "ambiguity ratios must be at least 1"},
       {enough_views >= 1, "pieces need at least 1 frame that connects them"},
       {isPositive(other_rotation_rad), "the turn to another way must be positive"},

@@ -13,6 +13,11 @@ struct PieceOptions {
   // At most so many at a time. Each rests, and costs memory only, while the camera is not in it.
   int max_pieces = 200;
 
+  // A camera that was lost for longer than this, seconds, may have been carried anywhere meanwhile:
+  // found again by one marker among unknown ones, it begins a new piece with these. Shorter makes
+  // more pieces where views are poor, longer trusts an id that hangs twice for that long.
+  double carried_s = 1.5;
+
   // Of two ways in which two pieces may lie to each other the better one must explain the frames
   // with markers of both so many times better (tau_e) ...
   double ambiguity_ratio = 3.0;
