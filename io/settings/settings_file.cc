@@ -87,6 +87,7 @@ class SettingsReader {
     for (const auto& [key_token, node] : table) {
       if (std::ranges::find(others, key_token.str()) != others.end() &&
           (node.is_table() || node.is_array_of_tables())) {
+        if (Status read = readKnown(node, std::string(key_token.str()) + "."); !read) return read;
         continue;
       }
       const std::string key = prefix + std::string(key_token.str());
@@ -119,6 +120,17 @@ class SettingsReader {
   }
 
  private:
+  // Of somebody else's section what concerns us, too.
+  [[nodiscard]] Status readKnown(const toml::node& section, const std::string& prefix) const {
+    if (!section.is_table()) return success();
+    for (const auto& [key_token, node] : *section.as_table()) {
+      const std::string key = prefix + std::string(key_token.str());
+      const auto setting = std::ranges::find(settings_, key, &Setting::key);
+      if (setting == settings_.end()) continue;
+      if (Status read = readSetting(*setting, node); !read) return read;
+    }
+    return success();
+  }
   [[nodiscard]] Status readSetting(const Setting& setting, const toml::node& node) const {
     if (setting.element) return readElements(setting, node);
     if (const ValidationError objection = setting.read(SettingValue(node))) {
