@@ -19,14 +19,14 @@ namespace {
 
 using Eigen::Vector3d;
 
-constexpr double kHeight = 2.6;  // metres, as all here
-constexpr double kLength = 24.0;
+constexpr double kStoreyHeight = 2.6;  // metres, as all here
+constexpr double kCorridorLength = 24.0;
 constexpr double kHalfCorridor = 1.0;
 constexpr double kRoomDepth = 5.0;
 constexpr double kRoomWidth = 8.0;
-constexpr double kDoorHalfWidth = 0.55;
-constexpr double kDoorHeight = 2.1;
-constexpr double kWalkersEye = 1.5;
+constexpr double kHalfDoor = 0.55;
+constexpr double kLintel = 2.1;
+constexpr double kEyes = 1.5;
 constexpr std::array<double, 3> kDoors = {4.0, 12.0, 20.0};  // of the rooms on either side
 
 // side: 1 on the left, -1 on the right.
@@ -34,12 +34,12 @@ RoomBox roomAt(double door_x, double side) {
   const double near = side * kHalfCorridor;
   const double far = side * (kHalfCorridor + kRoomDepth);
   return {{door_x - 0.5 * kRoomWidth, std::min(near, far), 0.0},
-          {door_x + 0.5 * kRoomWidth, std::max(near, far), kHeight}};
+          {door_x + 0.5 * kRoomWidth, std::max(near, far), kStoreyHeight}};
 }
 
 // All faces but those that have doors.
 void addBoxes(Scene* scene) {
-  addRoom({{0.0, -kHalfCorridor, 0.0}, {kLength, kHalfCorridor, kHeight}}, scene);
+  addRoom({{0.0, -kHalfCorridor, 0.0}, {kCorridorLength, kHalfCorridor, kStoreyHeight}}, scene);
   for (const double x : kDoors) {
     for (const double side : {1.0, -1.0}) addRoom(roomAt(x, side), scene);
   }
@@ -58,22 +58,22 @@ void addDoorWalls(Scene* scene) {
     };
     double from_x = 0.0;
     for (const double x : kDoors) {
-      piece(from_x, x - kDoorHalfWidth, 0.0, kHeight);
-      piece(x - kDoorHalfWidth, x + kDoorHalfWidth, kDoorHeight, kHeight);
-      from_x = x + kDoorHalfWidth;
+      piece(from_x, x - kHalfDoor, 0.0, kStoreyHeight);
+      piece(x - kHalfDoor, x + kHalfDoor, kLintel, kStoreyHeight);
+      from_x = x + kHalfDoor;
     }
-    piece(from_x, kLength, 0.0, kHeight);
+    piece(from_x, kCorridorLength, 0.0, kStoreyHeight);
   }
 }
 
 // Four on the wall opposite the door, near enough to its middle to be seen from the corridor with
 // nothing of it; two on each wall beside. Of those on the wall that the way back comes towards, one
 // is seen from the corridor through the door.
-void hangInRoom(const Build& build, double door_x, double side, Random* random) {
+void hangInRoomAt(const Build& build, double door_x, double side, Random* random) {
   const RoomBox room = roomAt(door_x, side);
   const auto hang = [&](RoomFace face, double along_m, double height_m) {
     const Surface wall = roomFace(room, face);
-    hangMarker(build, wall, along_m, height_m + random->uniform(-0.15, 0.15) - 0.5 * kHeight,
+    hangMarker(build, wall, along_m, height_m + random->uniform(-0.15, 0.15) - 0.5 * kStoreyHeight,
                {.roll = 0.1, .tilt = 0.03}, random);
   };
   const double middle_y = 0.5 * (room.low.y() + room.high.y());
@@ -122,7 +122,7 @@ Itinerary buildingWalk() {
     visit(x, -1.0, 9, &walk);  // to 90
     walk.go({x, 0.0, 90.0}, 5).go({x, 0.0, 0.0}, 4);
   }
-  walk.go({22.6, 0.0, 0.0}, 5).go({22.6, 0.0, 180.0}, 7).rest(1);
+  walk.go({23.0, 0.0, 0.0}, 5).go({23.0, 0.0, 180.0}, 7).rest(1);
   for (const double x : {21.8, 13.8, 5.8}) walk.go({x, 0.0, 180.0}, x > 20.0 ? 2 : 12).rest(2);
   walk.go({1.0, 0.0, 180.0}, 7).go({1.0, 0.0, 360.0}, 7).rest(1);
   return walk;
@@ -135,10 +135,10 @@ void buildBuilding(const Build& build) {
   addDoorWalls(build.scene);
   Random random(build.seed, 0x424c44);
   for (const double x : kDoors) {
-    for (const double side : {1.0, -1.0}) hangInRoom(build, x, side, &random);
+    for (const double side : {1.0, -1.0}) hangInRoomAt(build, x, side, &random);
   }
   constexpr double kBoards[][2] = {{2.6, 0.0},  {6.6, 0.7},  {10.2, 0.0},
-                                   {14.8, 0.0}, {18.2, 0.0}, {21.0, 0.0}};
+                                   {14.8, 0.0}, {18.2, 0.0}, {21.3, 0.0}};
   for (const auto& [x, y] : kBoards) hangBoard(build, x, y, &random);
 
   const Itinerary walk = buildingWalk();
@@ -149,7 +149,7 @@ void buildBuilding(const Build& build) {
   build.scene->trajectory = [=, path = walk.path()](double t) {
     const double now = time.at(t);
     const double share = 0.3 + 0.7 * path.liveliness(now);
-    return cameraPose(swayed(path.at(now, kWalkersEye), sway, share, now));
+    return cameraPose(swayed(path.at(now, kEyes), sway, share, now));
   };
 }
 
