@@ -67,7 +67,8 @@ struct SubproblemMembers {
 [[nodiscard]] SubproblemMembers newestMap(const Map& map, int keyframes);
 
 // What fixes the world (`markers`: an origin marker, anchors, or else the first keyframe) is held
-// too. Keyframes that see none of the markers take no part. Poses are those of the first slice.
+// too. Keyframes that see none of the markers take no part. Poses are those of the first slice; of
+// a part of more than 500 keyframes or markers, those of the slice that comes to them.
 Task<Subproblem> buildSubproblem(const Map& map, SubproblemMembers roles,
                                  const MarkerOptions& markers, Budget* budget);
 

@@ -227,6 +227,38 @@ TEST(Subproblem, IsOfTheFirstSlice) {
   EXPECT_EQ(part.problem.observations.size(), 6U);
 }
 
+// So large a map is not taken out in one piece, and lives on between the slices.
+TEST(Subproblem, OfALargeMapIsOfTheSliceThatComesToIt) {
+  constexpr KeyframeId kKeyframes = 1200;
+  constexpr KeyframeId kEndsBatch = 499;
+  Map map;
+  (void)map.addMarker(1, kSize);
+  map.place(1, somewhere(1.0));
+  for (KeyframeId id = 0; id < kKeyframes; ++id) {
+    Keyframe keyframe;
+    keyframe.T_w_c = somewhere(static_cast<double>(id));
+    keyframe.detections.push_back(seen(1));
+    (void)map.addKeyframe(keyframe);
+  }
+  const MarkerOptions markers{.size_m = kSize};  // outlives the task
+  SlicedTask<Subproblem> task(
+      [&](Budget* b) { return buildSubproblem(map, wholeMap(map), markers, b); });
+  ASSERT_FALSE(task.advance(0.1));
+  map.setKeyframePose(10, kElsewhere);    // taken already,
+  map.setKeyframePose(1100, kElsewhere);  // and not yet
+  for (const KeyframeId id : {kEndsBatch, kEndsBatch + 1, KeyframeId{1199}}) map.removeKeyframe(id);
+  while (!task.advance(0.1)) {
+  }
+  const Subproblem part = task.take();
+  ASSERT_EQ(part.keyframes.size(), 1197U);
+  EXPECT_EQ(part.problem.observations.size(), 1197U);
+  EXPECT_TRUE(std::ranges::is_sorted(part.keyframes));
+  EXPECT_FALSE(std::ranges::binary_search(part.keyframes, kEndsBatch));
+  EXPECT_TRUE(same(part.problem.cameras[10].T, somewhere(10.0)));
+  EXPECT_EQ(part.keyframes[1098], 1100);
+  EXPECT_TRUE(same(part.problem.cameras[1098].T, kElsewhere));
+}
+
 // Everything of the map a metre further.
 MapCorrection shifted(const Map& map) {
   MapCorrection correction;
