@@ -8,7 +8,10 @@
 namespace waymark::slam {
 
 std::string MapCovarianceOptions::invalidReason() const {
-  return firstUnmet({{isPositive(cost_per_frame), "cost_per_frame must be positive"}});
+  return firstUnmet({
+      {isPositive(cost_per_frame), "cost_per_frame must be positive"},
+      {isNotNegative(rest) && rest <= 1000.0, "the rest after a recovery must be from 0 to 1000"},
+  });
 }
 
 MapCovariance::MapCovariance(const MarkerOptions& markers, const MapCovarianceOptions& options,
@@ -26,13 +29,21 @@ bool MapCovariance::work(double residual_sigma, Map* map) {
     due_ = true;
   }
   if (!recovery_) {
+    if (epoch_ != map->epoch()) rest_frames_ = 0;  // what is known is of other coordinates
+    if (rest_frames_ > 0) {
+      --rest_frames_;
+      return false;
+    }
     if (!std::exchange(due_, false)) return false;
+    frames_ = 0;
     epoch_ = map->epoch();
     recovery_.emplace([&](Budget* budget) {
       return recoverMarginals(*map, markers_, residual_sigma, budget, &kept_);
     });
   }
+  ++frames_;
   if (!recovery_->advance(options_.cost_per_frame)) return false;
+  rest_frames_ = static_cast<int>(options_.rest * frames_);
   MapMarginals marginals = recovery_->take();
   recovery_.reset();
   adopt(std::move(marginals), map);
@@ -55,6 +66,7 @@ void MapCovariance::adopt(MapMarginals marginals, Map* map) {
     if (grows_ && map->findPosed(id) != nullptr) map->setWorldCovariance(id, covariance);
   }
   marginals_ = std::move(marginals);
+  followed_.forget();
 }
 
 void MapCovariance::introduce(int marker, const Transform& T_w_c, const Matrix6d& pose_covariance,
@@ -64,6 +76,7 @@ void MapCovariance::introduce(int marker, const Transform& T_w_c, const Matrix6d
   const Matrix6d T = rigidTransport(known->T_w_m->p - T_w_c.p);
   const Matrix6d covariance = T * pose_covariance * T.transpose() + known->covariance;
   marginals_.set(marker, covariance);
+  followed_.forget();
   map->setWorldCovariance(marker, covariance);
 }
 
@@ -81,6 +94,7 @@ Matrix6d MapCovariance::sharedAt(const Eigen::Vector3d& p_w) const {
 }
 
 void MapCovariance::doubtAs(const MapMarker& marker) {
+  followed_.forget();
   const Matrix6d* const known = marginals_.find(marker.id);
   doubt_ = {marker.T_w_m->p, known == nullptr ? marker.world_covariance : *known};
 }
@@ -97,7 +111,11 @@ bool MapCovariance::doubtIfLess(const MapMarker& marker, const Eigen::Vector3d& 
 
 Matrix6d MapCovariance::follow(const PoseSolution& solution, std::span<const KnownMarker> markers) {
   if (!options_.enabled) return solution.covariance;
-  const auto in_world = worldCovariance(solution, markers, marginals_, doubt_);
+  auto in_world = followed_.find(solution, markers);
+  if (!in_world) {
+    in_world = worldCovariance(solution, markers, marginals_, doubt_);
+    if (in_world) followed_.keep(*in_world, solution, markers);
+  }
   if (!in_world) return solution.covariance;
   if (in_world->doubt) doubt_ = *in_world->doubt;
   return in_world->covariance;

@@ -22,7 +22,11 @@ struct MapCovarianceOptions {
   bool enabled = true;
   // What a frame may spend on the marginals, in the units of Options::work_per_frame. More follows
   // a growing map sooner; new markers hang rigidly on known ones until then.
-  double cost_per_frame = 15.0;
+  double cost_per_frame = 30.0;
+  // A recovery is followed by so many times the frames that it took without one. Less often costs
+  // less, and poses use older marginals; more at once and seldom makes these as fresh on the
+  // average as half as much in every frame would, for half of the work.
+  double rest = 3.0;
 
   // Empty when usable, else what is wrong.
   [[nodiscard]] std::string invalidReason() const;
@@ -60,6 +64,7 @@ class MapCovariance {
   // The same where that is less, here, than what was so far. Whether it was.
   bool doubtIfLess(const MapMarker& marker, const Eigen::Vector3d& p_w);
   // As inWorld(), of the newest frame: its doubt holds for the next ones whose markers are all new.
+  // What was computed of the frames before is taken where little has changed since.
   [[nodiscard]] Matrix6d follow(const PoseSolution& solution, std::span<const KnownMarker> markers);
 
  private:
@@ -70,7 +75,10 @@ class MapCovariance {
   bool grows_;
   MapMarginals marginals_;
   PlaceDoubt doubt_;
+  KeptPoseCovariance followed_;  // of what the marginals are now, and the doubt was
   bool due_ = false;
+  int frames_ = 0;           // that the recovery under way has taken
+  int rest_frames_ = 0;      // until the next one may begin
   std::uint64_t epoch_ = 0;  // of the map when the recovery under way began
   KeptInformation kept_;     // from one recovery to the next
   std::optional<SlicedTask<MapMarginals>> recovery_;

@@ -3,6 +3,7 @@
 #include <random>
 
 #include <Eigen/Cholesky>
+#include <Eigen/Eigenvalues>
 #include <gtest/gtest.h>
 
 #include "slam/optimization/map_optimizer.h"
@@ -186,9 +187,98 @@ TEST_F(MapCovarianceTest, AMapThatDoesNotGrowStaysAsItIs) {
   EXPECT_GT(variance_m2(covariance.inWorld(frame.solution, frame.known)), 1.5 * before_m2);
 }
 
+// The largest ratio of two covariances in any direction.
+double largestRatio(const Matrix6d& a, const Matrix6d& b) {
+  const Eigen::LLT<Matrix6d> factor(b);
+  const Matrix6d half = factor.matrixL().solve(a);
+  const Matrix6d whitened = factor.matrixL().solve(half.transpose());
+  return whitened.selfadjointView<Eigen::Lower>().eigenvalues().maxCoeff();
+}
+
+TEST_F(MapCovarianceTest, FramesFromNearlyTheSamePlaceTakeWhatWasComputed) {
+  Map map = optimizedMap();
+  MapCovariance covariance(options_, covariance_options_, map);
+  covariance.recover(1.0, &map);
+  const Transform truth = testing::roomView(2.0);
+  Frame first;
+  Frame next;
+  look(map, truth, &first);
+  Transform moved = truth;
+  moved.p += Eigen::Vector3d(0.01, -0.008, 0.006);
+  look(map, moved, &next);
+  ASSERT_EQ(first.known.size(), next.known.size());
+  EXPECT_EQ(covariance.follow(first.solution, first.known),
+            covariance.inWorld(first.solution, first.known));
+  const Matrix6d kept = covariance.follow(next.solution, next.known);
+  const Matrix6d exact = covariance.inWorld(next.solution, next.known);
+  EXPECT_NE(kept, exact);
+  EXPECT_LT(largestRatio(kept, exact), 1.06);
+  EXPECT_LT(largestRatio(exact, kept), 1.06);
+}
+
+TEST_F(MapCovarianceTest, ItIsComputedAnewWhereSomethingIsAnother) {
+  Map map = optimizedMap();
+  MapCovariance covariance(options_, covariance_options_, map);
+  covariance.recover(1.0, &map);
+  const Transform truth = testing::roomView(2.0);
+  Frame first;
+  look(map, truth, &first);
+  const auto isExact = [&](const Frame& frame) {
+    (void)covariance.follow(first.solution, first.known);
+    return covariance.follow(frame.solution, frame.known) ==
+           covariance.inWorld(frame.solution, frame.known);
+  };
+  Frame same = first;
+  same.solution.T_w_c.p.x() += 0.001;
+  EXPECT_FALSE(isExact(same));
+
+  Frame away = first;
+  away.solution.T_w_c.p.x() += 0.2;
+  EXPECT_TRUE(isExact(away));
+  Frame turned = first;
+  turned.solution.T_w_c =
+      turned.solution.T_w_c.retract((Vector6d() << 0, 0, 0, 0, 0, 0.1).finished());
+  EXPECT_TRUE(isExact(turned));
+  Frame fewer = same;
+  fewer.solution.inlier.set(1, false);
+  EXPECT_TRUE(isExact(fewer));
+  Frame blurred = same;
+  for (MarkerDetection& detection : blurred.detections) {
+    for (Eigen::Matrix2d& corner : detection.covariance) corner *= 1.5;
+  }
+  blurred.known = knownMarkers(map, blurred.detections);
+  EXPECT_TRUE(isExact(blurred));
+
+  (void)covariance.follow(first.solution, first.known);
+  covariance.recover(1.0, &map);
+  EXPECT_EQ(covariance.follow(same.solution, same.known),
+            covariance.inWorld(same.solution, same.known));
+}
+
+// In a map that changes with each frame.
+TEST_F(MapCovarianceTest, RestsAfterARecoveryButNotInANewWorld) {
+  covariance_options_.cost_per_frame = 1e9;
+  covariance_options_.rest = 4.0;
+  Map map = optimizedMap();
+  MapCovariance covariance(options_, covariance_options_, map);
+  const auto work = [&] {
+    covariance.noteChange();
+    return covariance.work(1.0, &map);
+  };
+  EXPECT_TRUE(work());
+  for (int i = 0; i < 4; ++i) EXPECT_FALSE(work()) << i;
+  EXPECT_TRUE(work());
+  EXPECT_FALSE(work());
+  map.moveWorld({expSo3({0.0, 0.0, 1.0}), {1.0, 2.0, 3.0}});
+  EXPECT_TRUE(work());
+}
+
 TEST_F(MapCovarianceTest, ItsOptionsAreChecked) {
   EXPECT_TRUE(covariance_options_.invalidReason().empty());
   covariance_options_.cost_per_frame = 0.0;
+  EXPECT_NE(covariance_options_.invalidReason(), "");
+  covariance_options_ = {};
+  covariance_options_.rest = -1.0;
   EXPECT_NE(covariance_options_.invalidReason(), "");
 }
 

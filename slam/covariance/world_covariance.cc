@@ -1,6 +1,8 @@
 #include "slam/covariance/world_covariance.h"
 
 #include <algorithm>
+#include <cmath>
+#include <limits>
 #include <memory_resource>
 #include <vector>
 
@@ -85,6 +87,8 @@ std::optional<Matrix6d> spreadOfMap(const Voices& voices, const MapMarginals& ma
   return Matrix6d(X + X.transpose());
 }
 
+bool isSame(double then, double now) { return std::abs(now - then) <= kSameVariance * then; }
+
 }  // namespace
 
 std::optional<WorldCovariance> worldCovariance(const PoseSolution& solution,
@@ -113,7 +117,6 @@ std::optional<WorldCovariance> worldCovariance(const PoseSolution& solution,
   }
   const auto H_inverse = inverseOf(H);
   if (!H_inverse) return std::nullopt;
-  noise *= solution.residual_variance;
 
   WorldCovariance result;
   const auto atCamera = [&](const Matrix6d& spread) {
@@ -125,17 +128,84 @@ std::optional<WorldCovariance> worldCovariance(const PoseSolution& solution,
   std::ranges::sort(in_order, std::ranges::greater{}, &Voice::information);
   if (const auto spread = spreadOfMap(in_order, marginals, arena.get())) {
     result.doubt = PlaceDoubt{solution.T_w_c.p, atCamera(*spread)};
-    result.covariance = result.doubt->covariance;
+    result.of_map = result.doubt->covariance;
   } else {
     const Matrix6d T = rigidTransport(solution.T_w_c.p - otherwise.p_w);
-    result.covariance = T * otherwise.covariance * T.transpose();
+    result.of_map = T * otherwise.covariance * T.transpose();
   }
-  for (const Voice& voice : voices) {
-    if (!voice.of_map)
-      noise.noalias() += voice.gain * voice.marker->covariance * voice.gain.transpose();
+  result.of_corners = atCamera(noise);
+  if (!std::ranges::all_of(voices, &Voice::of_map)) {
+    Matrix6d own = Matrix6d::Zero();
+    for (const Voice& voice : voices) {
+      if (voice.of_map) continue;
+      own.noalias() += voice.gain * voice.marker->covariance * voice.gain.transpose();
+    }
+    result.of_new_markers = atCamera(own);
   }
-  result.covariance += atCamera(noise);
+  result.covariance =
+      result.of_map + result.of_new_markers + solution.residual_variance * result.of_corners;
   return result;
+}
+
+KeptPoseCovariance::View KeptPoseCovariance::viewOf(const PoseSolution& solution,
+                                                    std::span<const KnownMarker> markers) {
+  View view;
+  double nearest2 = std::numeric_limits<double>::infinity();
+  for (std::size_t i = 0; i < markers.size(); ++i) {
+    if (!solution.inlier[i]) continue;
+    const KnownMarker& marker = markers[i];
+    nearest2 = std::min(nearest2, (marker.T_w_m.p - solution.T_w_c.p).squaredNorm());
+    for (const Eigen::Matrix2d& corner : marker.detection->covariance) {
+      view.corners += corner.trace();
+    }
+    view.places_m2 += marker.covariance.diagonal().head<3>().sum();
+    view.attitudes_r2 += marker.covariance.diagonal().tail<3>().sum();
+  }
+  view.nearest_m = std::sqrt(nearest2);
+  return view;
+}
+
+bool KeptPoseCovariance::areTheSame(const PoseSolution& solution,
+                                    std::span<const KnownMarker> markers) const {
+  auto id = ids_.begin();
+  for (std::size_t i = 0; i < markers.size(); ++i) {
+    if (!solution.inlier[i]) continue;
+    if (id == ids_.end() || *id++ != markers[i].detection->id) return false;
+  }
+  return id == ids_.end();
+}
+
+std::optional<WorldCovariance> KeptPoseCovariance::find(
+    const PoseSolution& solution, std::span<const KnownMarker> markers) const {
+  if (!kept_ || !areTheSame(solution, markers)) return std::nullopt;
+  const Transform& T_w_c = solution.T_w_c;
+  if ((T_w_c.p - T_w_c_.p).norm() > kSameDistance * view_.nearest_m ||
+      rotationDistance(T_w_c.R, T_w_c_.R) > kSameView_rad) {
+    return std::nullopt;
+  }
+  const View view = viewOf(solution, markers);
+  if (!isSame(view_.corners, view.corners) || !isSame(view_.places_m2, view.places_m2) ||
+      !isSame(view_.attitudes_r2, view.attitudes_r2)) {
+    return std::nullopt;
+  }
+  WorldCovariance here = *kept_;
+  const Matrix6d T = rigidTransport(T_w_c.p - T_w_c_.p);
+  here.of_map = T * here.of_map * T.transpose();
+  if (here.doubt) here.doubt = PlaceDoubt{T_w_c.p, here.of_map};
+  here.covariance =
+      here.of_map + here.of_new_markers + solution.residual_variance * here.of_corners;
+  return here;
+}
+
+void KeptPoseCovariance::keep(const WorldCovariance& covariance, const PoseSolution& solution,
+                              std::span<const KnownMarker> markers) {
+  kept_ = covariance;
+  T_w_c_ = solution.T_w_c;
+  view_ = viewOf(solution, markers);
+  ids_.clear();
+  for (std::size_t i = 0; i < markers.size(); ++i) {
+    if (solution.inlier[i]) ids_.push_back(markers[i].detection->id);
+  }
 }
 
 }  // namespace waymark::slam
