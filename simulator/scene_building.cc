@@ -122,7 +122,7 @@ Itinerary buildingWalk() {
     visit(x, -1.0, 9, &walk);  // to 90
     walk.go({x, 0.0, 90.0}, 5).go({x, 0.0, 0.0}, 4);
   }
-  walk.go({22.6, 0.0, 0.0}, 5).go({22.6, 0.0, 180.0}, 7).rest(1);
+  walk.go({23.0, 0.0, 0.0}, 5).go({23.0, 0.0, 180.0}, 7).rest(1);
   for (const double x : {21.8, 13.8, 5.8}) walk.go({x, 0.0, 180.0}, x > 20.0 ? 2 : 12).rest(2);
   walk.go({1.0, 0.0, 180.0}, 7).go({1.0, 0.0, 360.0}, 7).rest(1);
   return walk;
@@ -138,7 +138,7 @@ void buildBuilding(const Build& build) {
     for (const double side : {1.0, -1.0}) hangInRoomAt(build, x, side, &random);
   }
   constexpr double kBoards[][2] = {{2.6, 0.0},  {6.6, 0.7},  {10.2, 0.0},
-                                   {14.8, 0.0}, {18.2, 0.0}, {21.0, 0.0}};
+                                   {14.8, 0.0}, {18.2, 0.0}, {21.3, 0.0}};
   for (const auto& [x, y] : kBoards) hangBoard(build, x, y, &random);
 
   const Itinerary walk = buildingWalk();

@@ -199,7 +199,6 @@ TEST(Building, IsConnectedOnTheWayBack) {
   const slam::CameraModel camera(simulation->camera());
   std::array<std::optional<std::int64_t>, kRooms> first_seen_with_others;
   std::set<int> seen;
-  std::int64_t last_room = -1;
   for (std::int64_t k = 0; k < end; k += 3) {
     const slam::Transform T_w_c = simulation->poseAt(k);
     std::set<int> parts;  // rooms, and the corridor as kRooms
@@ -213,16 +212,12 @@ TEST(Building, IsConnectedOnTheWayBack) {
       if (part == kRooms) continue;
       if (!first_seen_with_others[part]) first_seen_with_others[part] = k;
     }
-    last_room = k;
   }
   EXPECT_GE(seen.size(), 59U);
-  EXPECT_GT(last_room, 0);
   const auto back = static_cast<std::int64_t>(0.83 * static_cast<double>(end));
   int late = 0;
   for (int room = 0; room < kRooms; ++room) {
     ASSERT_TRUE(first_seen_with_others[room]) << "room " << room << " is never connected";
-    std::printf("room %d: %ld of %ld\n", room, static_cast<long>(*first_seen_with_others[room]),
-                static_cast<long>(end));
     late += *first_seen_with_others[room] > back ? 1 : 0;
   }
   EXPECT_GE(late, 4);

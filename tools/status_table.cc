@@ -62,6 +62,9 @@ std::string mapText(const Json& map) {
   if (const double pictures = numberAt(map, "natural_markers"); pictures > 0.0) {
     text += ", " + fixed(pictures, 0) + " natural markers";
   }
+  if (const double pieces = numberAt(map, "pieces"); pieces > 1.0) {
+    text += " in " + fixed(pieces, 0) + " pieces";
+  }
   const std::string file = textAt(map, "file");
   if (file.empty()) return text + "; not saved (slam.map_out is not set)";
   const auto age = map.find("last_save_age_s");

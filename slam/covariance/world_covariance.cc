@@ -202,7 +202,9 @@ void KeptPoseCovariance::keep(const WorldCovariance& covariance, const PoseSolut
   kept_ = covariance;
   T_w_c_ = solution.T_w_c;
   view_ = viewOf(solution, markers);
+  constexpr std::size_t kUsual = 64;  // more are seldom in view: steady tracking takes no memory
   ids_.clear();
+  ids_.reserve(std::max(markers.size(), kUsual));
   for (std::size_t i = 0; i < markers.size(); ++i) {
     if (solution.inlier[i]) ids_.push_back(markers[i].detection->id);
   }
