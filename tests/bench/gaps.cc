@@ -29,6 +29,7 @@
 #include "slam/slam.h"
 #include "tests/bench/command_line.h"
 #include "tests/bench/gap_report.h"
+#include "tests/bench/kept_frames.h"
 #include "tools/exit_code.h"
 
 namespace waymark::bench {
@@ -49,6 +50,7 @@ struct Arguments {
   bool there_and_back = false;
   bool every_gap = false;
   std::string json;  // a file; empty: none
+  std::string keep;  // a folder; empty: none
 };
 
 std::optional<Carried> carried(const slam::PoseEstimate& pose, const Transform& truth,
@@ -173,14 +175,13 @@ Status runOnce(const Arguments& arguments, const std::string& scene, std::uint64
                   *slam::Dictionary::byName(asked.dictionary), options);
 
   const slam::Calibration& lens = simulation.camera();
-  std::vector<std::uint8_t> pixels(static_cast<std::size_t>(lens.width) *
-                                   static_cast<std::size_t>(lens.height));
-  simulator::Simulation::Workspace workspace;
+  std::vector<std::uint8_t> pixels;
+  KeptFrames frames(simulation, arguments.keep);
   Follower follower(report);
   std::optional<Transform> T_w_scene;
   int last_marker = -1;
   for (std::int64_t k = 0; k < simulation.frameCount(); ++k) {
-    simulation.render(k, &workspace, pixels.data());
+    frames.next(k, &pixels);
     const double time_s = simulation.timeOf(k);
     const std::int64_t before_ns = threadCpuNs();
     const slam::FrameResult result = slam.process(
@@ -250,6 +251,8 @@ int main(int argc, char** argv) {
   app.add_flag("--there-and-back", arguments.there_and_back,
                "End where it began, in the scene's own time for both ways");
   app.add_flag("--every-gap", arguments.every_gap, "A line for each");
+  app.add_option("--keep", arguments.keep,
+                 "Rendered frames are kept in this folder, and taken from there");
   app.add_option("--json", arguments.json, "All of it into this file as well");
   if (const auto exit_code = bench::parse(app, argc, argv)) return *exit_code;
   if (arguments.width > 0 && arguments.height == 0) {

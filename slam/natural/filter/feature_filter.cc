@@ -314,7 +314,7 @@ std::optional<ExpectedFeature> FeatureFilter::expect(const CameraModel& camera, 
       view.J_pose * between * view.J_pose.transpose() +
           view.J_feature * state_.P<3, 3>(f.offset, f.offset) * view.J_feature.transpose() + cross +
           cross.transpose(),
-      view.J_feature};
+      view.J_feature, view.J_forward};
 }
 
 void FeatureFilter::measure(const FeatureMatch& match) {

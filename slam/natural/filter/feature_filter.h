@@ -72,7 +72,8 @@ struct ExpectedFeature {
   Eigen::Vector2d pixel = Eigen::Vector2d::Zero();
   // What the state leaves open of it, without a measurement's own noise, pixels^2.
   Eigen::Matrix2d covariance = Eigen::Matrix2d::Zero();
-  Matrix23d J_feature = Matrix23d::Zero();  // d pixel / d (u, v, rho)
+  Matrix23d J_feature = Matrix23d::Zero();                    // d pixel / d (u, v, rho)
+  Eigen::RowVector3d J_forward = Eigen::RowVector3d::Zero();  // PointView
 };
 
 struct MarkerOutcome {
@@ -140,7 +141,12 @@ class FeatureFilter {
                                      const Matrix6d& covariance);
 
   // A camera that features can be added to; -1 when there is no place.
-  [[nodiscard]] int addAnchor() { return state_.clonePose(PoseKind::kAnchor, 0); }
+  [[nodiscard]] int addAnchor() { return state_.clonePose(PoseKind::kAnchor, ++last_anchor_); }
+  // The same of an earlier camera that was forgotten, with what was known of it then: covariance as
+  // start(), which nothing else has anything in common with.
+  [[nodiscard]] int addAnchor(const Transform& T_w_a, const Matrix6d& covariance);
+  // What is known of an anchor: as start().
+  [[nodiscard]] Matrix6d anchorCovariance(int anchor) const;
   [[nodiscard]] int addFeature(int anchor, const Eigen::Vector2d& uv, double rho,
                                const Eigen::Matrix3d& covariance) {
     return state_.addFeature(anchor, uv, rho, covariance);
@@ -226,6 +232,7 @@ class FeatureFilter {
   };
   std::vector<MarkerSeen> markers_seen_;
   std::vector<std::uint64_t> past_order_;  // oldest first
+  std::uint64_t last_anchor_ = 0;          // anchors are numbered
 
   // Of the update under way.
   std::vector<Measurement> measurements_;

@@ -49,6 +49,17 @@ PoseOutcome FeatureFilter::observePose(const Transform& T_w_c, const Matrix6d& c
   return observePoseAt(0, state_.camera(), T_w_c, covariance);
 }
 
+int FeatureFilter::addAnchor(const Transform& T_w_a, const Matrix6d& covariance) {
+  const Matrix6d A = invariantFromRetract(T_w_a.p);
+  return state_.addPose(PoseKind::kAnchor, ++last_anchor_, T_w_a, A * covariance * A.transpose());
+}
+
+Matrix6d FeatureFilter::anchorCovariance(int anchor) const {
+  const StatePose& pose = state_.poses()[static_cast<std::size_t>(anchor)];
+  const Matrix6d A = retractFromInvariant(pose.T_w_s.p);
+  return A * state_.P<6, 6>(pose.offset, pose.offset) * A.transpose();
+}
+
 void FeatureFilter::markPast(std::uint64_t frame) {
   if (options_.max_past == 0) return;
   if (past_order_.size() >= static_cast<std::size_t>(options_.max_past)) {

@@ -45,7 +45,7 @@ enum class PoseKind : std::uint8_t {
 struct StatePose {
   Transform T_w_s;
   PoseKind kind = PoseKind::kAnchor;
-  std::uint64_t tag = 0;  // kMarker: its id; kPast: the frame's number
+  std::uint64_t tag = 0;  // kMarker: its id; kPast: the frame's number; kAnchor: its own
   int offset = -1;        // of its xi in the covariance; -1: this place is free
   int features = 0;       // that hang on it
 };

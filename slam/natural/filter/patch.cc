@@ -19,6 +19,8 @@ constexpr double kHalfSide = 0.5 * (kPatchSide - 1);
 constexpr double kSearchMargin = 0.2;
 // Unknowns of a match: a shift, a gain and an offset.
 constexpr int kUnknowns = 4;
+// Where a patch's surface would turn away from the camera within the patch, it is not warped on.
+constexpr float kLeastPerspective = 0.2F;
 
 using Eight = float __attribute__((vector_size(32), aligned(4), may_alias));
 using EightBytes = std::uint8_t __attribute__((vector_size(8), aligned(1), may_alias));
@@ -150,14 +152,14 @@ void cutPatch(const ImageView& image, const ImageView& half, int x, int y, Patch
       coarse - Eigen::Vector2f(static_cast<float>(left), static_cast<float>(top));
 }
 
-bool warpPatch(const PatchSource& source, const Eigen::Matrix2d& anchor_from_now, int level,
-               PatchTemplate* patch) {
-  const double step = std::sqrt(std::abs(anchor_from_now.determinant())) * (1 << level);
+bool warpPatch(const PatchSource& source, const PatchWarp& warp, int level, PatchTemplate* patch) {
+  const double step = std::sqrt(std::abs(warp.anchor_from_now.determinant())) * (1 << level);
   // Where a pixel now is more than one then, what was seen then at half the size.
   constexpr double kCoarser = 1.5;
   const bool coarse = step >= kCoarser;
   const Eigen::Matrix2f A =
-      (anchor_from_now * (coarse ? 0.5 * (1 << level) : 1.0 * (1 << level))).cast<float>();
+      (warp.anchor_from_now * (coarse ? 0.5 * (1 << level) : 1.0 * (1 << level))).cast<float>();
+  const Eigen::Vector2f bend = ((1 << level) * warp.bend).cast<float>();
   const PatchSource::Pixels& pixels = coarse ? source.coarse : source.fine;
   const Eigen::Vector2f centre = coarse ? source.centre_coarse : source.centre_fine;
   std::array<float, kWarpedSide * kWarpedSide> warped;
@@ -165,8 +167,10 @@ bool warpPatch(const PatchSource& source, const Eigen::Matrix2d& anchor_from_now
     const float v = static_cast<float>(y) - static_cast<float>(kHalfSide) - 1.0F;
     for (int x = 0; x < kWarpedSide; ++x) {
       const float u = static_cast<float>(x) - static_cast<float>(kHalfSide) - 1.0F;
-      warped[static_cast<std::size_t>(y * kWarpedSide + x)] = sample(
-          pixels, centre.x() + A(0, 0) * u + A(0, 1) * v, centre.y() + A(1, 0) * u + A(1, 1) * v);
+      const float w = 1.0F / std::max(kLeastPerspective, 1.0F - bend.x() * u - bend.y() * v);
+      warped[static_cast<std::size_t>(y * kWarpedSide + x)] =
+          sample(pixels, centre.x() + w * (A(0, 0) * u + A(0, 1) * v),
+                 centre.y() + w * (A(1, 0) * u + A(1, 1) * v));
     }
   }
   for (int y = 0; y < kPatchSide; ++y) {

@@ -56,6 +56,14 @@ struct PatchSource {
 // pixel: of the image (level 0), a whole one. Beyond its border the image goes on as it ends.
 void cutPatch(const ImageView& image, const ImageView& half, int x, int y, PatchSource* source);
 
+// By how many pixels of the image it was cut from pixels of the image now move on, of level 0 both:
+// u moves on by anchor_from_now u / (1 - bend . u).
+struct PatchWarp {
+  Eigen::Matrix2d anchor_from_now = Eigen::Matrix2d::Identity();
+  // Of perspective, 1 / pixels: the far side of a slanted surface is smaller than the near one.
+  Eigen::Vector2d bend = Eigen::Vector2d::Zero();
+};
+
 // As it should look now; all sums over its pixels are zero.
 struct PatchTemplate {
   alignas(32) std::array<float, kPatchPixels> value;
@@ -71,10 +79,9 @@ struct PatchTemplate {
   }
 };
 
-// anchor_from_now: by how many pixels of level 0 of the image it was cut from one pixel of level 0
-// now moves on. level: that it will be looked for at. False where there is too little texture.
-[[nodiscard]] bool warpPatch(const PatchSource& source, const Eigen::Matrix2d& anchor_from_now,
-                             int level, PatchTemplate* patch);
+// level: that it will be looked for at. False where there is too little texture.
+[[nodiscard]] bool warpPatch(const PatchSource& source, const PatchWarp& warp, int level,
+                             PatchTemplate* patch);
 
 struct PatchMatch {
   Eigen::Vector2d at = Eigen::Vector2d::Zero();          // pixels of the level

@@ -54,7 +54,7 @@ PatchTemplate templateOf(const Picture& picture, int x, int y, int level) {
   PatchSource source;
   cutPatch(picture.view(), picture.half(), x, y, &source);
   PatchTemplate patch;
-  EXPECT_TRUE(warpPatch(source, Eigen::Matrix2d::Identity(), level, &patch));
+  EXPECT_TRUE(warpPatch(source, {}, level, &patch));
   return patch;
 }
 
@@ -103,7 +103,7 @@ TEST(Patch, IsWarped) {
   PatchSource source;
   cutPatch(before.view(), before.half(), 60, 50, &source);
   PatchTemplate patch;
-  ASSERT_TRUE(warpPatch(source, A, 0, &patch));
+  ASSERT_TRUE(warpPatch(source, {.anchor_from_now = A}, 0, &patch));
   for (int y = 0; y < kPatchSide; ++y) {
     for (int x = 0; x < kPatchSide; ++x) {
       const Eigen::Vector2d at = A * Eigen::Vector2d(x - 3.5, y - 3.5);
@@ -140,7 +140,7 @@ TEST(Patch, WithoutTextureThereIsNone) {
   PatchSource source;
   cutPatch(image, half, 60, 50, &source);
   PatchTemplate patch;
-  EXPECT_FALSE(warpPatch(source, Eigen::Matrix2d::Identity(), 0, &patch));
+  EXPECT_FALSE(warpPatch(source, {}, 0, &patch));
 }
 
 TEST(Patch, AnotherPlaceIsNoMatch) {

@@ -32,6 +32,8 @@ bool viewFeature(const CameraModel& camera, const Transform& T_w_c, const Transf
   view->J_pose.rightCols<3>() = -J * skew(ray_w + feature.rho * T_w_a.p);
   view->J_feature.leftCols<2>() = J * T_w_a.R.leftCols<2>();
   view->J_feature.col(2) = J * between_w;
+  const Eigen::RowVector3d axis = T_w_c.R.col(2).transpose() / y.z();
+  view->J_forward << axis * T_w_a.R.leftCols<2>(), axis * between_w;
   return true;
 }
 

@@ -18,6 +18,9 @@ struct PointView {
   Eigen::Vector2d at;   // normalized coordinates, or pixels
   Matrix26d J_pose;     // d at / d xi of the pose; of the camera: -J_pose
   Matrix23d J_feature;  // d at / d (u, v, rho)
+  // d log(depth) / d (u, v, rho) at a fixed point of the anchor's ray: what makes a surface's image
+  // more than affine. Of features only.
+  Eigen::RowVector3d J_forward = Eigen::RowVector3d::Zero();
 };
 
 // A feature, in pixels. False behind the camera or outside the lens's range.

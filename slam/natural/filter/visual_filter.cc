@@ -24,21 +24,6 @@ constexpr double kWellKnown = 0.15;
 // Nothing is nearer than this, metres.
 constexpr double kNearest_m = 0.05;
 
-// From pixels of level 0 to those of a level.
-Eigen::Vector2d onLevel(const Eigen::Vector2d& pixel, int level) {
-  const double scale = 1.0 / (1 << level);
-  return scale * pixel + 0.5 * (scale - 1.0) * Eigen::Vector2d::Ones();
-}
-Eigen::Vector2d fromLevel(const Eigen::Vector2d& at, int level) {
-  const double scale = 1 << level;
-  return scale * at + 0.5 * (scale - 1.0) * Eigen::Vector2d::Ones();
-}
-
-double longestSigma(const Eigen::Matrix2d& C) {
-  const double half = 0.5 * (C(0, 0) - C(1, 1));
-  return std::sqrt(0.5 * C.trace() + std::sqrt(half * half + C(0, 1) * C(0, 1)));
-}
-
 }  // namespace
 
 std::string FeatureManagementOptions::invalidReason() const {
@@ -56,6 +41,9 @@ std::string FeatureManagementOptions::invalidReason() const {
       {isPositive(search_sigmas), "search_sigmas must be positive"},
       {isPositive(max_search_px), "max_search_px must be positive"},
       {isNotNegative(systematic_s), "systematic_s must not be negative"},
+      {remembered_views >= 0, "remembered_views must not be negative"},
+      {remembered_points_per_view >= 0, "remembered_points_per_view must not be negative"},
+      {recalled_when_worse >= 1.0, "recalled_when_worse must be at least 1"},
       {surfaces_per_frame >= 0, "surfaces_per_frame must not be negative"},
   });
 }
@@ -67,7 +55,8 @@ std::string VisualFilterOptions::invalidReason() const {
 VisualFilter::VisualFilter(const VisualFilterOptions& options)
     : options_(options),
       filter_(options.filter),
-      features_(static_cast<std::size_t>(options.filter.max_features)) {
+      features_(static_cast<std::size_t>(options.filter.max_features)),
+      memory_(options.features.remembered_views, options.features.remembered_points_per_view) {
   const auto count = static_cast<std::size_t>(options.filter.max_features);
   candidates_.reserve(count);
   matches_.reserve(count);
@@ -82,6 +71,7 @@ VisualFilter::VisualFilter(const VisualFilterOptions& options)
 
 void VisualFilter::reinitialize(const Transform& T_w_c, const Matrix6d& covariance) {
   filter_.start(T_w_c, covariance);
+  memory_.clear();
   running_ = true;
   marker_depth_m_ = 0.0;
   frames_since_lot_ = 0;
@@ -121,6 +111,7 @@ VisualUpdate VisualFilter::update(const ImageView& image, const CameraModel& cam
   levels_[0] = image;
   levels_[1] = reducers_[0].reduce(levels_[0], 2);
   levels_[2] = reducers_[1].reduce(levels_[1], 2);
+  recallPoints(camera, &result);
   lookForFeatures(camera, &result);
   judge(&result);
   dropHopeless(&result);
@@ -150,84 +141,17 @@ void VisualFilter::expectFeatures(const CameraModel& camera) {
   }
 }
 
-double VisualFilter::systematicVariance(const Eigen::Matrix2d& now_from_anchor) const {
-  // The stretch without the turn: singular values of A from those of A^T A, less one.
-  const Eigen::Matrix2d AtA = now_from_anchor.transpose() * now_from_anchor;
-  const double half = 0.5 * AtA.trace();
-  const double root = std::sqrt(std::max(0.0, half * half - AtA.determinant()));
-  const double stretch = std::max(std::abs(std::sqrt(half + root) - 1.0),
-                                  std::abs(std::sqrt(std::max(0.0, half - root)) - 1.0));
-  const double sigma_px =
-      options_.patches.systematic_px + options_.patches.systematic_per_stretch_px * stretch;
-  return sigma_px * sigma_px;
-}
-
 double VisualFilter::systematicFrames() const {
   return frame_s_ > 0.0 ? std::max(1.0, 2.0 * options_.features.systematic_s / frame_s_) : 1.0;
 }
 
-std::optional<FeatureMatch> VisualFilter::find(const Candidate& candidate) const {
-  const StateFeature& state = stateOf(candidate.feature);
-  const Feature& feature = features_[static_cast<std::size_t>(candidate.feature)];
-  // How the image now moves with a step in the anchor's image, on the surface as it lies.
-  const Matrix23d& J = candidate.expected.J_feature;
-  const Eigen::Matrix2d now_from_anchor =
-      (J.leftCols<2>() + state.rho * J.col(2) * feature.surface.transpose()) *
-      feature.uv_from_pixel;
-  const double scale2 = now_from_anchor.determinant();
-  // Seen at less than a third of its size, or more than three times, it looks otherwise.
-  constexpr double kLeastScale2 = 0.1;
-  if (!(scale2 > kLeastScale2) || !(scale2 < 1.0 / kLeastScale2)) return std::nullopt;
-  const Eigen::Matrix2d anchor_from_now = now_from_anchor.inverse();
-
-  // Iterations reach two pixels or so: further off, the ellipse is searched, at the size at which
-  // it is small.
-  constexpr double kIterationsReach_px = 2.0;
-  constexpr double kLargestSearch_px = 8.0;
-  const double sigma_px = longestSigma(candidate.expected.covariance);
-  const double reach_px =
-      std::min(options_.features.search_sigmas * sigma_px, options_.features.max_search_px);
-  int level = 1;
-  Eigen::Vector2d at = candidate.expected.pixel;
-  PatchTemplate patch;
-  if (reach_px > 2.0 * kIterationsReach_px) {
-    if (reach_px > 2.0 * kLargestSearch_px) level = 2;
-    if (!warpPatch(feature.source, anchor_from_now, level, &patch)) return std::nullopt;
-    const double per_level = 1 << level;
-    const double widest = options_.features.search_sigmas;
-    const Eigen::Matrix2d ellipse =
-        widest * widest / (per_level * per_level) * candidate.expected.covariance;
-    const int reach = static_cast<int>(std::ceil(reach_px / per_level));
-    const auto found = searchPatch(levels_[static_cast<std::size_t>(level)], patch,
-                                   onLevel(at, level), ellipse.inverse(), reach, options_.patches);
-    if (!found) return std::nullopt;
-    at = fromLevel(*found, level);
-  } else if (reach_px <= 1.0) {
-    level = 0;
-  }
-  // From coarse to fine; the finest that fits is what is measured. Where an image is blurred that
-  // may be a coarse one.
-  std::optional<FeatureMatch> match;
-  int measured_at = 0;
-  for (; level >= 0; --level) {
-    const bool warped = warpPatch(feature.source, anchor_from_now, level, &patch);
-    const auto aligned = warped ? alignPatch(levels_[static_cast<std::size_t>(level)], patch,
-                                             onLevel(at, level), options_.patches)
-                                : std::nullopt;
-    if (!aligned) break;
-    at = fromLevel(aligned->at, level);
-    const double per_level = 1 << level;
-    const Eigen::Matrix2d covariance = per_level * per_level * aligned->covariance;
-    match = FeatureMatch{candidate.feature,  at,         covariance, covariance,
-                         candidate.on_trial, feature.age};
-    measured_at = level;
-  }
-  if (match) {
-    const double per_level = 1 << measured_at;
-    const double variance = per_level * per_level * systematicVariance(now_from_anchor);
-    match->covariance_once += variance * Eigen::Matrix2d::Identity();
-    match->covariance += systematicFrames() * variance * Eigen::Matrix2d::Identity();
-  }
+FeatureMatch VisualFilter::matchOf(const Candidate& candidate, const FoundFeature& found) const {
+  FeatureMatch match{candidate.feature, found.pixel,        found.covariance,
+                     found.covariance,  candidate.on_trial, ageOf(candidate.feature)};
+  const Eigen::Matrix2d systematic =
+      found.systematic_px * found.systematic_px * Eigen::Matrix2d::Identity();
+  match.covariance_once += systematic;
+  match.covariance += systematicFrames() * systematic;
   return match;
 }
 
@@ -237,12 +161,17 @@ void VisualFilter::lookForFeatures(const CameraModel& camera, VisualUpdate* resu
   candidate_of_match_.clear();
   int sure = 0;
   for (std::size_t i = 0; i < candidates_.size(); ++i) {
-    const auto match = find(candidates_[i]);
-    if (!match) continue;
-    candidates_[i].found = true;
-    matches_.push_back(*match);
+    Candidate& candidate = candidates_[i];
+    const auto found = findFeature(
+        levels_, features_[static_cast<std::size_t>(candidate.feature)].look,
+        stateOf(candidate.feature).rho, candidate.expected,
+        {options_.features.search_sigmas, options_.features.max_search_px}, options_.patches);
+    if (!found) continue;
+    candidate.found = true;
+    candidate.stretch = found->stretch;
+    matches_.push_back(matchOf(candidate, *found));
     candidate_of_match_.push_back(static_cast<int>(i));
-    sure += match->on_trial ? 0 : 1;
+    sure += candidate.on_trial ? 0 : 1;
   }
   if (sure < options_.features.believed_without_trial) {
     for (FeatureMatch& match : matches_) match.on_trial = false;
@@ -261,7 +190,16 @@ void VisualFilter::lookForFeatures(const CameraModel& camera, VisualUpdate* resu
   if (result->believed > 0) result->rms_px = std::sqrt(squares / result->believed);
   for (const Candidate& candidate : candidates_) {
     result->on_trial += candidate.on_trial ? 1 : 0;
-    shown_.push_back({candidate.expected.pixel, candidate.found, candidate.believed});
+    shown_.push_back({.pixel = candidate.expected.pixel,
+                      .found = candidate.found,
+                      .believed = candidate.believed,
+                      .feature = candidate.feature,
+                      .stretch = candidate.stretch});
+  }
+  for (std::size_t k = 0; k < matches_.size(); ++k) {
+    Shown& shown = shown_[static_cast<std::size_t>(candidate_of_match_[k])];
+    shown.match = matches_[k].pixel;
+    shown.sigma_px = std::sqrt(0.5 * matches_[k].covariance_once.trace());
   }
 }
 
@@ -301,6 +239,7 @@ void VisualFilter::dropHopeless(VisualUpdate* result) {
         !impossible) {
       continue;
     }
+    if (f.failures == 0 && !impossible) remember(feature);
     drop(feature);
     ++result->dropped;
   }
@@ -321,7 +260,9 @@ void VisualFilter::estimateSurfaces() {
     const int feature = next_surface_;
     next_surface_ = (next_surface_ + 1) % count;
     const StateFeature& f = stateOf(feature);
-    if (f.offset < 0 || !isWellKnown(feature)) continue;
+    if (f.offset < 0 || !isWellKnown(feature) ||
+        features_[static_cast<std::size_t>(feature)].surface_is_told)
+      continue;
     --left;
     const Transform& T_w_a = filter_.state().poses()[static_cast<std::size_t>(f.pose)].T_w_s;
     neighbours_.clear();
@@ -339,7 +280,7 @@ void VisualFilter::estimateSurfaces() {
       neighbours_.push_back({offset, o.rho / (y.z() * f.rho) - 1.0, sigma});
     }
     const auto surface = surfaceGradient(neighbours_);
-    features_[static_cast<std::size_t>(feature)].surface =
+    features_[static_cast<std::size_t>(feature)].look.surface =
         surface.value_or(Eigen::Vector2d::Zero());
   }
 }
@@ -390,9 +331,9 @@ auto VisualFilter::cutFeature(const CameraModel& camera, const Eigen::Vector2d& 
   const auto uv = camera.undistort({x, y});
   if (!uv) return std::nullopt;
   NewFeature made;
-  cutPatch(levels_[0], levels_[1], x, y, &made.feature.source);
+  cutPatch(levels_[0], levels_[1], x, y, &made.feature.look.source);
   PatchTemplate patch;
-  if (!warpPatch(made.feature.source, Eigen::Matrix2d::Identity(), 0, &patch)) return std::nullopt;
+  if (!warpPatch(made.feature.look.source, {}, 0, &patch)) return std::nullopt;
   const Eigen::Matrix2d C = patch.covariance(options_.patches.image_noise);
   if (!(longestSigma(C) <= max_sigma_px)) return std::nullopt;
   Eigen::Matrix2d D;
@@ -403,7 +344,7 @@ auto VisualFilter::cutFeature(const CameraModel& camera, const Eigen::Vector2d& 
   made.uv = *uv;
   made.uv_covariance =
       uv_from_pixel * (C + s * s * Eigen::Matrix2d::Identity()) * uv_from_pixel.transpose();
-  made.feature.uv_from_pixel = uv_from_pixel;
+  made.feature.look.uv_from_pixel = uv_from_pixel;
   return made;
 }
 

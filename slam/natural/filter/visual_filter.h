@@ -21,7 +21,9 @@
 #include "slam/geometry/camera_model.h"
 #include "slam/natural/filter/corner_finder.h"
 #include "slam/natural/filter/feature_filter.h"
+#include "slam/natural/filter/feature_search.h"
 #include "slam/natural/filter/patch.h"
+#include "slam/natural/filter/point_memory.h"
 #include "slam/natural/filter/surface.h"
 
 namespace waymark::slam {
@@ -60,6 +62,14 @@ struct FeatureManagementOptions {
   // For how long a match's systematic error (PatchOptions) stays the same, seconds: more images in
   // that time do not average it away.
   double systematic_s = 0.15;
+  // Points that have gone out of view are remembered, from so many cameras, so many of each; none,
+  // and nothing is. More take a few kilobytes each.
+  int remembered_views = 16;
+  int remembered_points_per_view = 12;
+  // They are looked for when they come back into view, as soon as the camera's place is known so
+  // many times worse than where they were seen from, as variances. Less brings them back also where
+  // they say nothing new.
+  double recalled_when_worse = 2.0;
   // Surfaces that are estimated anew in a frame. More follow sooner, for a few microseconds each.
   int surfaces_per_frame = 6;
 
@@ -93,6 +103,7 @@ struct VisualUpdate {
   int on_trial = 0;  // of those expected
   int added = 0;
   int dropped = 0;
+  int recalled = 0;     // points that were remembered
   bool blind = false;   // too few found to say anything about the others
   double rms_px = 0.0;  // innovations of those believed
 };
@@ -128,25 +139,46 @@ class VisualFilter {
   int addKnownPoints(const ImageView& image, const CameraModel& camera,
                      std::span<const KnownPoint> points);
 
+  // The world's coordinates have changed.
+  void moveWorld(const Transform& T_new_old);
+  // What is remembered is not where it was: the world itself has turned out to be another.
+  void forgetPoints() { memory_.clear(); }
+
   // Poses found elsewhere, of this frame and of earlier ones: see FeatureFilter.
   [[nodiscard]] FeatureFilter& filter() { return filter_; }
   [[nodiscard]] const FeatureFilter& filter() const { return filter_; }
 
-  // The features in use, where they were expected in the last frame, for pictures and tests.
+  // The features in use, where they were expected in the last frame, for pictures, tests and
+  // measurements.
   struct Shown {
     Eigen::Vector2d pixel = Eigen::Vector2d::Zero();
     bool found = false;
     bool believed = false;
+    int feature = -1;                                 // its place in the state
+    Eigen::Vector2d match = Eigen::Vector2d::Zero();  // where it was found
+    double sigma_px = 0.0;  // what is said of the match's error in one frame, a coordinate's
+    double stretch = 0.0;   // of its patch against the anchor's image: 0 where it looks the same
   };
   [[nodiscard]] std::span<const Shown> shown() const { return shown_; }
+  // Frames in which a feature has been looked for; 0 of one that is new.
+  [[nodiscard]] int ageOf(int feature) const {
+    return features_[static_cast<std::size_t>(feature)].age;
+  }
+  // surfaceGradient that a feature's patch is warped with.
+  [[nodiscard]] const Eigen::Vector2d& surfaceOf(int feature) const {
+    return features_[static_cast<std::size_t>(feature)].look.surface;
+  }
+  // For measurements: how it lies in truth. It is not estimated any more then.
+  void tellSurface(int feature, const Eigen::Vector2d& surface) {
+    features_[static_cast<std::size_t>(feature)].look.surface = surface;
+    features_[static_cast<std::size_t>(feature)].surface_is_told = true;
+  }
 
  private:
   // What is kept of a feature beside the filter's state.
   struct Feature {
-    PatchSource source;
-    // d normalized / d pixel of the anchor's image at the feature.
-    Eigen::Matrix2d uv_from_pixel = Eigen::Matrix2d::Zero();
-    Eigen::Vector2d surface = Eigen::Vector2d::Zero();  // surfaceGradient
+    FeatureLook look;
+    bool surface_is_told = false;
     int age = 0;
     int failures = 0;  // in succession
     int outside = 0;   // frames in succession
@@ -158,19 +190,27 @@ class VisualFilter {
     bool on_trial = false;
     bool found = false;
     bool believed = false;
+    double stretch = 0.0;  // of its patch, where it was found
   };
 
   void lookForFeatures(const CameraModel& camera, VisualUpdate* result);
   void expectFeatures(const CameraModel& camera);
-  [[nodiscard]] std::optional<FeatureMatch> find(const Candidate& candidate) const;
-  // Variance of a match's systematic error in a frame, pixels^2.
-  [[nodiscard]] double systematicVariance(const Eigen::Matrix2d& now_from_anchor) const;
-  // How much more that is as white noise that averages as slowly as an error that lasts for
-  // systematic_s.
+  [[nodiscard]] FeatureMatch matchOf(const Candidate& candidate, const FoundFeature& found) const;
+  // How much larger a match's systematic error is as white noise that averages as slowly as one
+  // that lasts for systematic_s.
   [[nodiscard]] double systematicFrames() const;
   void judge(VisualUpdate* result);
   void drop(int feature);
   void dropHopeless(VisualUpdate* result);
+  void remember(int feature);
+  // Points that come back into view are features again.
+  void recallPoints(const CameraModel& camera, VisualUpdate* result);
+  // Of one view; how many.
+  int recall(const CameraModel& camera, RememberedView* view);
+  [[nodiscard]] bool isInView(const CameraModel& camera, const RememberedView& view,
+                              const RememberedPoint& point) const;
+  // The youngest features go until there is room for so many.
+  void makeRoomFor(int points);
   void estimateSurfaces();
   void addFeatures(const CameraModel& camera, VisualUpdate* result);
   // The corners of the image's empty parts, the best first.
@@ -198,8 +238,9 @@ class VisualFilter {
   FeatureFilter filter_;
   bool running_ = false;
   std::vector<Feature> features_;  // by their place in the state
+  PointMemory memory_;
   std::array<ImageReducer, 2> reducers_;
-  std::array<ImageView, 3> levels_;  // of the image at hand
+  ImageLevels levels_;  // of the image at hand
   CornerFinder corners_;
   double marker_depth_m_ = 0.0;  // of the last markers; 0 without any
   int next_surface_ = 0;

@@ -40,14 +40,15 @@ class WallRun {
   }
 
   // dark: the image is black; nothing is seen in it.
-  VisualUpdate step(bool dark = false) {
-    const double t = frame_ / rate_hz_;
-    truth_ = dolly_.at(t);
+  VisualUpdate step(bool dark = false) { return stepAt(frame_ / rate_hz_, dark, true); }
+  // on_the_dolly_s: where the dolly is, as the time at which it comes there.
+  VisualUpdate stepAt(double on_the_dolly_s, bool dark, bool with_marker) {
+    truth_ = dolly_.at(on_the_dolly_s);
     wall_.render(camera_, truth_, 2.0, static_cast<unsigned>(frame_), &pixels_);
     if (dark) std::fill(pixels_.begin(), pixels_.end(), std::uint8_t{5});
     std::vector<KnownMarker> known;
     const auto seen = testing::observe(camera_, truth_, 7, marker_, 0.2, 0.1, &rng_);
-    marker_seen_ = seen.has_value() && !dark;
+    marker_seen_ = seen.has_value() && !dark && with_marker;
     if (marker_seen_) {
       KnownMarker marker{&*seen, marker_, 0.2, Matrix6d::Identity() * 1e-8, markerCorners(0.2)};
       for (Eigen::Vector3d& corner : marker.corners_w) corner = marker_ * corner;
@@ -153,6 +154,48 @@ TEST(VisualFilter, ASecondOfDarknessIsCrossed) {
               1e3 * run.sigma_m(), run.nees());
   EXPECT_LT(run.nees(), 30.0);
   EXPECT_LT(run.error().head<3>().norm(), 0.1);
+}
+
+// Along the wall and back again, the marker at its beginning not looked at any more: what was left
+// there is found again.
+TEST(VisualFilter, PointsThatComeBackIntoViewBringThePoseBack) {
+  struct Return {
+    double error_m = 0.0;
+    double nees = 0.0;
+    int recalled = 0;
+  };
+  const auto thereAndBack = [](int remembered_views, unsigned seed) {
+    constexpr double kRate_hz = 30.0;
+    VisualFilterOptions options;
+    options.features.remembered_views = remembered_views;
+    WallRun run(320, 240, kRate_hz, seed, options);
+    Return result;
+    for (int k = 0; k < 9 * kRate_hz; ++k) {
+      const double t = k / kRate_hz;
+      // At the dolly's speed, a second to stop and one to go back.
+      const double stopped_s = std::clamp(t - 4.0, 0.0, 2.0);
+      const double at_s = std::min(t, 6.0) - 0.5 * stopped_s * stopped_s - std::max(0.0, t - 6.0);
+      result.recalled += run.stepAt(at_s, false, t < 4.0).recalled;
+    }
+    result.error_m = run.error().head<3>().norm();
+    result.nees = run.nees();
+    return result;
+  };
+  double with_m = 0.0;
+  double without_m = 0.0;
+  for (const unsigned seed : {1U, 2U, 3U}) {
+    const Return with = thereAndBack(VisualFilterOptions{}.features.remembered_views, seed);
+    const Return without = thereAndBack(0, seed);
+    std::printf("seed %u: %d points recalled, %.1f mm off, NEES %.1f; %.1f mm without, %.1f\n",
+                seed, with.recalled, 1e3 * with.error_m, with.nees, 1e3 * without.error_m,
+                without.nees);
+    EXPECT_GE(with.recalled, 3) << seed;
+    EXPECT_EQ(without.recalled, 0) << seed;
+    EXPECT_LT(with.nees, 22.5) << seed;
+    with_m += with.error_m / 3.0;
+    without_m += without.error_m / 3.0;
+  }
+  EXPECT_LT(with_m, without_m);
 }
 
 TEST(VisualFilter, WithoutTextureItOnlyPredicts) {
