@@ -17,6 +17,7 @@ bool FeatureStage::follow(const FrameInput& frame, const TrackedFrame& tracked,
   if (!followed_) return true;
   const StageScope scope(observer, Stage::kFeatures);
   fitting_.clear();
+  anchor_before_ = anchor_;
   for (std::size_t i = 0; i < tracked.eligible.size(); ++i) {
     if (tracked.solution.inlier[i]) fitting_.push_back(tracked.eligible[i]);
   }
@@ -29,6 +30,11 @@ bool FeatureStage::follow(const FrameInput& frame, const TrackedFrame& tracked,
     anchor_ = std::ranges::min_element(fitting_, {}, distance_m)->detection->id;
   }
   return agrees;
+}
+
+std::optional<FeatureStage::Arrival> FeatureStage::arrival() const {
+  if (!followed_ || !integrator_.arrival() || anchor_before_ < 0) return std::nullopt;
+  return Arrival{*integrator_.arrival(), anchor_before_};
 }
 
 std::optional<PoseEstimate> FeatureStage::inWorld(std::optional<PoseEstimate> pose) const {
@@ -59,24 +65,27 @@ void FeatureStage::late(const LateResult& seen, const MapMarker& picture,
   if (!options_.enabled) return;
   const StageScope scope(observer, Stage::kFeatures);
   const Transform& T_w_p = *picture.T_w_m;
-  const Transform T_w_c = T_w_p * seen.T_m_c;
-  Matrix6d covariance = turnedCovariance(T_w_p.R, seen.covariance);
-  if (anchor_ != picture.id && !integrator_.adrift()) {
-    const Matrix6d T = rigidTransport(T_w_c.p - T_w_p.p);
-    covariance += T * picture.covariance * T.transpose();
-  }
+  const bool elsewhere = anchor_ != picture.id && !integrator_.adrift();
+  const auto fixOf = [&](const Transform& T_m_c, const Matrix6d& of_view) {
+    LateFix fix{seen.sequence, T_w_p * T_m_c, turnedCovariance(T_w_p.R, of_view)};
+    const Matrix6d T = rigidTransport(fix.T_w_c.p - T_w_p.p);
+    if (elsewhere) fix.covariance += T * picture.covariance * T.transpose();
+    return fix;
+  };
+  LatePose pose{.fix = fixOf(seen.T_m_c, seen.covariance), .decided = seen.decided};
+  if (seen.other) pose.other = fixOf(seen.other->T_m_c, seen.other->covariance);
   points_w_.clear();
   for (const Eigen::Vector2d& p : points_m) {
     points_w_.push_back(T_w_p * Eigen::Vector3d(p.x(), p.y(), 0.0));
   }
-  switch (integrator_.late(seen.sequence, T_w_c, covariance, points_w_)) {
+  switch (integrator_.late(pose, points_w_)) {
     case LateOutcome::kStarted:
       covariance_.doubtAs(picture);
       anchor_ = picture.id;
       ++counters_->picture_poses;
       break;
     case LateOutcome::kUsed:
-      if (covariance_.doubtIfLess(picture, T_w_c.p)) anchor_ = picture.id;
+      if (covariance_.doubtIfLess(picture, pose.fix.T_w_c.p)) anchor_ = picture.id;
       ++counters_->picture_poses;
       break;
     case LateOutcome::kRefused:
@@ -86,6 +95,7 @@ void FeatureStage::late(const LateResult& seen, const MapMarker& picture,
       covariance_.doubtAs(picture);
       anchor_ = picture.id;
       break;
+    case LateOutcome::kOpen:
     case LateOutcome::kKnown:
     case LateOutcome::kUnknown:
       break;

@@ -41,6 +41,13 @@ class FeatureStage {
   // covariance.
   [[nodiscard]] std::optional<PoseEstimate> bridge(const FrameInput& frame,
                                                    StageObserver* observer);
+  // After follow(): where a bridge has ended at markers that are known, as seen from where it
+  // began.
+  struct Arrival {
+    FilteredPose pose;
+    int anchor = -1;
+  };
+  [[nodiscard]] std::optional<Arrival> arrival() const;
   // The marker that the carried pose is relative to: the nearest one of the last frame that the
   // features followed. -1 before the first one.
   [[nodiscard]] int anchor() const { return anchor_; }
@@ -62,6 +69,7 @@ class FeatureStage {
   PoseIntegrator integrator_;
   Counters* counters_;
   int anchor_ = -1;
+  int anchor_before_ = -1;            // the last frame
   bool followed_ = false;             // the last frame with a pose from markers
   std::vector<KnownMarker> fitting_;  // reused from frame to frame
   std::vector<Eigen::Vector3d> points_w_;

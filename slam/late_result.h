@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstdint>
+#include <optional>
 
 #include "slam/geometry/transform.h"
 
@@ -16,6 +17,20 @@ struct LateResult {
   int landmark = -1;             // what was seen: its id in the map
   Transform T_m_c;
   Matrix6d covariance = Matrix6d::Zero();  // of (dp, dtheta) of T_m_c: metres, radians
+
+  // The other pose that a plane's image leaves open, where the image does not exclude it.
+  struct OtherPose {
+    Transform T_m_c;
+    Matrix6d covariance = Matrix6d::Zero();
+  };
+  std::optional<OtherPose> other;
+  // How much worse that explains the image, as of squares (SquarePose::ratio): 1 is a coin toss.
+  double ambiguity_ratio = kUnambiguous;
+  // The image alone has decided. If not, T_m_c is of use only to who knows better where the camera
+  // was.
+  bool decided = true;
+
+  static constexpr double kUnambiguous = 1e6;
 };
 
 }  // namespace waymark::slam

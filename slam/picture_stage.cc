@@ -62,13 +62,14 @@ bool PictureStage::hearOne(const LateResult& seen, StageObserver* observer) {
     ++with_.counters->late_unknown;
     return false;
   }
-  const bool begins = with_.map->empty() && with_.options.mapping;
+  // A pose that may be the other one of its plane is of use to who has one already.
+  const bool begins = with_.map->empty() && with_.options.mapping && seen.decided;
   if (begins) beginMap(*frame, seen, *print);
-  if (with_.options.mapping) with_.map->addPicture(*print);
+  if (with_.options.mapping && seen.decided) with_.map->addPicture(*print);
   if (const MapMarker* const known = with_.map->findPosed(seen.landmark)) {
     with_.features->late(seen, *known, print->points_m, observer);
   }
-  const bool grows = with_.options.mapping && grow(*frame, seen, *print, observer);
+  const bool grows = with_.options.mapping && seen.decided && grow(*frame, seen, *print, observer);
   return begins || grows;
 }
 

@@ -77,6 +77,7 @@ class Piece::Impl {
       if (!tracked && turn == Turn::kOwn) bridge(usable, frame, observer, &result);
       if (options_.mapping) {
         const StageScope scope(observer, Stage::kMap);
+        if (tracked) arrive(*tracked, &result);
         if (tracked) grow(*tracked, &result);
         // Also after a new keyframe: in fast motion every frame is one.
         updater_.work(work, map_);
@@ -289,6 +290,21 @@ class Piece::Impl {
                             .twist = pose.twist,
                             .links = {*link}});
     return true;
+  }
+
+  // A bridge has ended at markers of the map.
+  void arrive(const TrackedFrame& frame, FrameResult* result) {
+    const auto arrival = features_.arrival();
+    if (!arrival) return;
+    const bool grown = updater_.growAtArrival(frame,
+                                              {.time = frame.time,
+                                               .detections = {},
+                                               .T_w_c = arrival->pose.T_w_c,
+                                               .covariance = arrival->pose.covariance,
+                                               .twist = frame.twist,
+                                               .anchor = arrival->anchor},
+                                              &map_);
+    if (grown) result->map_changed = result->keyframe_added = true;
   }
 
   // The map's uncertainty follows its changes, in slices.

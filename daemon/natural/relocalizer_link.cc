@@ -64,7 +64,10 @@ void RelocalizerLink::answer(std::span<const slam::LateResult> results) {
   count_ = std::min(results.size(), kMostResults);
   left_out_.fetch_add(results.size() - count_, std::memory_order_relaxed);
   std::copy_n(results.begin(), count_, results_.begin());
-  for (slam::LateResult& result : results_) result.T_m_c = io::asRead(result.T_m_c);
+  for (slam::LateResult& result : results_) {
+    result.T_m_c = io::asRead(result.T_m_c);
+    if (result.other) result.other->T_m_c = io::asRead(result.other->T_m_c);
+  }
   resting_.store(true, std::memory_order_relaxed);  // until wait()
   turn_.store(Turn::kSlam, std::memory_order_release);
 }

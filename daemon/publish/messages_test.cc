@@ -250,6 +250,17 @@ TEST(NaturalDetectionsMessage, CarriesWhatTookEffectWithTheFrame) {
                              detection.q_m_c[3]);
   EXPECT_EQ(slam::Transform::fromQuaternion(q, Eigen::Vector3d::Zero()).R, late.T_m_c.R)
       << "to the last bit";
+  EXPECT_EQ(detection.decided, 1);
+  EXPECT_EQ(detection.has_other, 0);
+  late.decided = false;
+  late.ambiguity_ratio = 1.25;
+  late.other = slam::LateResult::OtherPose{late.T_m_c, late.covariance};
+  fillNaturalDetections(record, twoPrints(), message);
+  EXPECT_EQ(message.detections[0].decided, 0);
+  EXPECT_EQ(message.detections[0].ambiguity_ratio, 1.25);
+  EXPECT_EQ(message.detections[0].has_other, 1);
+  EXPECT_EQ(message.detections[0].other_p_m_c[1], someTransform().p.y());
+  EXPECT_EQ(message.detections[0].other_covariance[8], 0.25);
   record.heard = 0;
   fillNaturalDetections(record, twoPrints(), message);
   EXPECT_EQ(message.count, 0);

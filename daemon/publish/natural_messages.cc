@@ -42,6 +42,13 @@ void fillNaturalDetections(const FrameRecord& record, const PrintsById& prints,
     put(late.T_m_c.p, out.p_m_c);
     put(io::stableQuaternion(late.T_m_c.R), out.q_m_c);
     put(late.covariance, out.covariance);
+    out.decided = late.decided ? 1 : 0;
+    out.ambiguity_ratio = late.ambiguity_ratio;
+    out.has_other = late.other ? 1 : 0;
+    const slam::LateResult::OtherPose other = late.other.value_or(slam::LateResult::OtherPose{});
+    put(other.T_m_c.p, out.other_p_m_c);
+    put(io::stableQuaternion(other.T_m_c.R), out.other_q_m_c);
+    put(other.covariance, out.other_covariance);
   }
 }
 

@@ -59,9 +59,28 @@ std::optional<GapJoint> GapMapper::offer(const CarriedFrame& frame, const Map& m
     sighting.undecided = !joint;
     if (!joint) continue;
     sightings_.erase(id);
+    has_joined_ = true;
     return joint;
   }
   return std::nullopt;
+}
+
+std::optional<Keyframe> GapMapper::arrive(const CarriedFrame& frame, const Map& map) const {
+  const MapMarker* const anchor = map.findPosed(frame.anchor);
+  const auto is_anchor = [&](const MarkerDetection& d) { return d.id == frame.anchor; };
+  if (has_joined_ || anchor == nullptr || frame.detections.empty() ||
+      std::ranges::any_of(frame.detections, is_anchor)) {
+    return std::nullopt;
+  }
+  const auto link = linkTo(anchor->id, *anchor->T_w_m, frame.T_w_c, frame.covariance);
+  if (!link) return std::nullopt;
+  // From where features have the camera, not from one of a single marker's two poses.
+  return Keyframe{.sequence = frame.time.sequence,
+                  .monotonic_ns = frame.time.monotonic_ns,
+                  .T_w_c = frame.T_w_c,
+                  .detections = {frame.detections.begin(), frame.detections.end()},
+                  .twist = frame.twist,
+                  .links = {*link}};
 }
 
 void GapMapper::look(const CarriedFrame& frame, const Map& map) {

@@ -73,8 +73,15 @@ class GapMapper {
   // residuals.
   [[nodiscard]] std::optional<GapJoint> offer(const CarriedFrame& frame, const Map& map,
                                               double residual_sigma);
+  // A bridge has ended at markers that the map knows: the keyframe that ties them to what it began
+  // from. Empty where the stretch has been told of already, by a marker that it gave to the map,
+  // and where the anchor itself is in view again.
+  [[nodiscard]] std::optional<Keyframe> arrive(const CarriedFrame& frame, const Map& map) const;
   // The stretch is over: what was seen in it does not belong to the next one.
-  void leave() { sightings_.clear(); }
+  void leave() {
+    sightings_.clear();
+    has_joined_ = false;
+  }
 
  private:
   struct View {
@@ -102,6 +109,7 @@ class GapMapper {
   const MarkerResolverOptions& resolver_;
   const GapMapperOptions& options_;
   std::map<int, Sighting> sightings_;  // by marker
+  bool has_joined_ = false;            // a marker, in this stretch
 };
 
 // A marker as seen from a carried frame that does not show it. Empty where the covariance is none.

@@ -103,6 +103,44 @@ TEST_F(GapMapperTest, AMarkerOutOfSightJoinsWithWhatThereIs) {
   EXPECT_FALSE(nothingInView(50'000'000)) << "once";
 }
 
+// The other marker is in the map by now: a bridge from the one to the other ties them anew.
+TEST_F(GapMapperTest, ABridgeBetweenKnownMarkersTiesThem) {
+  map_.addMarker(kNew, kSize_m);
+  map_.place(kNew, T_w_new_);
+  const Transform T_w_c = testing::lookAt({2.8, 0.0, 0.0}, {2.9, 1.0, 0.0});
+  seen_ = testing::observeAll(camera_, T_w_c, {{kNew, T_w_new_}}, kSize_m, 0.05, &rng_);
+  ASSERT_EQ(seen_.size(), 1U);
+  const CarriedFrame frame{{9, 300'000'000}, seen_, T_w_c, covariance_, Twist::Zero(), kAnchor};
+  const auto keyframe = mapper_.arrive(frame, map_);
+  ASSERT_TRUE(keyframe);
+  EXPECT_EQ(keyframe->sequence, 9U);
+  EXPECT_NE(keyframe->find(kNew), nullptr);
+  ASSERT_EQ(keyframe->links.size(), 1U);
+  EXPECT_EQ(keyframe->links[0].marker, kAnchor);
+  const auto alone = linkTo(kAnchor, T_w_anchor_, T_w_c, covariance_);
+  EXPECT_TRUE(keyframe->links[0].covariance.isApprox(alone->covariance));
+
+  CarriedFrame at_anchor = frame;
+  at_anchor.anchor = kNew;
+  EXPECT_FALSE(mapper_.arrive(at_anchor, map_)) << "what is in view is not carried to";
+  at_anchor.anchor = -1;
+  EXPECT_FALSE(mapper_.arrive(at_anchor, map_));
+  map_.quarantine(kAnchor);
+  EXPECT_FALSE(mapper_.arrive(frame, map_)) << "it is not there any more";
+}
+
+// What has given the map its marker is told of in its links already.
+TEST_F(GapMapperTest, AStretchIsToldOfOnce) {
+  ASSERT_NE(looksUntilDecided(), 0);
+  map_.addMarker(kNew, kSize_m);
+  map_.place(kNew, joint_->marker.T_w_m);
+  const CarriedFrame frame{{20, time_ns_}, seen_,         joint_->keyframes.back().T_w_c,
+                           covariance_,    Twist::Zero(), kAnchor};
+  EXPECT_FALSE(mapper_.arrive(frame, map_));
+  mapper_.leave();
+  EXPECT_TRUE(mapper_.arrive(frame, map_)) << "the next one is another";
+}
+
 TEST_F(GapMapperTest, ACameraThatStandsStillDecidesNothing) {
   for (int i = 0; i < 30; ++i) EXPECT_FALSE(look(2.8)) << i;
 }

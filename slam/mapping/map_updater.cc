@@ -59,6 +59,15 @@ std::optional<int> MapUpdater::growThroughGap(CarriedFrame frame, Map* map) {
   return joint->marker.id;
 }
 
+bool MapUpdater::growAtArrival(const TrackedFrame& frame, CarriedFrame carried, Map* map) {
+  carried.detections = frame.fitting;
+  const auto keyframe = gaps_.arrive(carried, *map);
+  if (!keyframe) return false;
+  mapper_.insert(*keyframe, map, counters_);
+  ++counters_->linked_gaps;
+  return true;
+}
+
 bool MapUpdater::growByPicture(const AwaitedFrame& frame, const LateResult& seen, Map* map) {
   const auto joint = pictures_.offer(frame, seen, *map);
   if (joint) mapper_.insert(*joint, map, counters_);

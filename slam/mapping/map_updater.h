@@ -66,6 +66,9 @@ class MapUpdater {
   // From a frame without a pose from markers, whose detections are as they were seen. The marker
   // that joined the map, if one did.
   [[nodiscard]] std::optional<int> growThroughGap(CarriedFrame frame, Map* map);
+  // Before grow(), of a frame that a bridge ends with. carried: where features alone have it, as
+  // seen from the anchor; its detections are the frame's. False where that changes nothing.
+  [[nodiscard]] bool growAtArrival(const TrackedFrame& frame, CarriedFrame carried, Map* map);
   // A picture seen from an earlier frame. False where that changes nothing. Precondition: it is
   // among the map's markers.
   [[nodiscard]] bool growByPicture(const AwaitedFrame& frame, const LateResult& seen, Map* map);

@@ -10,13 +10,14 @@
 #include "base/elapsed.h"
 #include "slam/covariance/marginals.h"
 #include "slam/geometry/turned_covariance.h"
+#include "slam/late_result.h"
 #include "slam/option_checks.h"
 
 namespace waymark::slam {
 namespace {
 
 // Of the pose that a picture gives: its other one has been refuted.
-constexpr double kUnambiguous = 1e6;
+constexpr double kUnambiguous = LateResult::kUnambiguous;
 
 // Three standard deviations of the error's length.
 double threeSigma(const Eigen::Matrix3d& covariance) {
@@ -80,9 +81,10 @@ bool PoseIntegrator::follow(std::int64_t time_ns, const ImageView& image, const 
                             bool certain, std::span<const KnownMarker> markers) {
   const bool features_knew = bridging_ || fused_;
   fused_.reset();
+  arrival_.reset();
   if (!filter_) return true;
   if (adrift_ || anew_) giveUp();  // the markers know better
-  late_refusals_ = 0;
+  late_refusals_ = contradicted_ = 0;
   advance(time_ns);
   if (running() && contradicts(pose)) {
     if (++contradictions_ < options_.integrator.witnesses) return !features_knew;
@@ -97,6 +99,7 @@ bool PoseIntegrator::follow(std::int64_t time_ns, const ImageView& image, const 
     if (!certain || static_cast<int>(markers.size()) > options_.integrator.max_markers) return true;
     start(time_ns, pose);
   }
+  if (goes_on && bridging_) arrival_ = filter_->pose();
   const VisualUpdate update = filter_->update(image, camera_, markers);
   if (goes_on) fused_ = fusedPose(pose, update);
   last_seen_ns_ = time_ns;
@@ -166,36 +169,84 @@ void PoseIntegrator::await(std::uint64_t frame, std::int64_t time_ns, const Imag
     last_seen_ns_ = time_ns;
     adrift_ = true;
   }
-  if (!adrift_) filter_->filter().forgetPast();  // who looks has answered
+  // Who looks has answered; what contradicts the filter is still to be compared.
+  if (!adrift_ && late_refusals_ == 0) filter_->filter().forgetPast();
   filter_->filter().markPast(frame);
 }
 
-LateOutcome PoseIntegrator::late(std::uint64_t frame, const Transform& T_w_c,
-                                 const Matrix6d& covariance,
-                                 std::span<const Eigen::Vector3d> points_w) {
-  if (!running() || points_w.empty()) return LateOutcome::kUnknown;
+LateOutcome PoseIntegrator::use(const Fix& fix) {
   FeatureFilter& filter = filter_->filter();
-  if (!filter.pastPose(frame)) return LateOutcome::kUnknown;
+  // Pictures' errors are much the same from image to image: averaging them would make too much of
+  // them.
+  const bool known = variance(filter_->pose().covariance) < variance(fix.covariance);
+  if (!known) (void)filter.observePastPose(fix.frame, fix.T_w_c, fix.covariance);
+  return known ? LateOutcome::kKnown : LateOutcome::kUsed;
+}
+
+LateOutcome PoseIntegrator::weigh(const LatePose& pose) {
+  const auto agrees = [&](const Fix& fix) {
+    return filter_->filter().comparePastPose(fix.frame, fix.T_w_c, fix.covariance) ==
+           PoseOutcome::kUsed;
+  };
+  const bool first = agrees(pose.fix);
+  const bool other = pose.other && agrees(*pose.other);
+  if (!first && !other) return LateOutcome::kRefused;
+  late_refusals_ = contradicted_ = 0;
+  if (first && (pose.decided || !other)) return use(pose.fix);
+  return other && !first && !pose.decided ? use(*pose.other) : LateOutcome::kOpen;
+}
+
+bool PoseIntegrator::turnedAlike(const Fix& a, const Eigen::Matrix3d& a_R_w_c, const Fix& b,
+                                 const Eigen::Matrix3d& b_R_w_c) const {
+  constexpr double kChi2 = 16.3;  // of 3 dimensions: 99.9 %
+  // In the world of the fixes, each of which has an error of its own.
+  const Eigen::Matrix3d expected = a.T_w_c.R * a_R_w_c.transpose() * b_R_w_c;
+  const Eigen::Vector3d turn = logSo3(b.T_w_c.R * expected.transpose());
+  const Eigen::Matrix3d S =
+      a.covariance.bottomRightCorner<3, 3>() + b.covariance.bottomRightCorner<3, 3>();
+  return turn.dot(S.ldlt().solve(turn)) <= kChi2;
+}
+
+bool PoseIntegrator::isOutvoted(const Fix& fix) {
+  const FeatureFilter& filter = filter_->filter();
+  const auto frame = filter.pastPose(fix.frame);
+  if (!frame) return false;
+  const auto first = first_refused_ ? filter.pastPose(first_refused_->frame) : std::nullopt;
+  if (!first || !turnedAlike(*first_refused_, first->R, fix, frame->R)) late_refusals_ = 0;
+  if (late_refusals_ == 0) first_refused_ = fix;
+  ++late_refusals_;
+  ++contradicted_;
+  // A filter that has gone astray does not know how the camera has turned either: many are enough
+  // whatever it says of them.
+  if (late_refusals_ < options_.integrator.witnesses &&
+      contradicted_ < 2 * options_.integrator.witnesses) {
+    return false;
+  }
+  late_refusals_ = contradicted_ = 0;
+  first_fix_ = std::exchange(first_refused_, std::nullopt);
+  return true;
+}
+
+LateOutcome PoseIntegrator::late(const LatePose& pose, std::span<const Eigen::Vector3d> points_w) {
+  if (!running() || points_w.empty()) return LateOutcome::kUnknown;
+  const Fix& fix = pose.fix;
+  if (!filter_->filter().pastPose(fix.frame)) return LateOutcome::kUnknown;
   if (!adrift_) {
-    // Pictures' errors are much the same from image to image: averaging them would make too much
-    // of them.
-    const bool known = variance(filter_->pose().covariance) < variance(covariance);
-    const PoseOutcome outcome = known ? filter.comparePastPose(frame, T_w_c, covariance)
-                                      : filter.observePastPose(frame, T_w_c, covariance);
-    if (outcome == PoseOutcome::kUsed) {
-      late_refusals_ = 0;
-      return known ? LateOutcome::kKnown : LateOutcome::kUsed;
-    }
-    if (++late_refusals_ < options_.integrator.witnesses) return LateOutcome::kRefused;
-    late_refusals_ = 0;
+    const LateOutcome outcome = weigh(pose);
+    if (outcome != LateOutcome::kRefused || !pose.decided || !isOutvoted(fix)) return outcome;
     adrift_ = true;
   }
-  const Fix fix{frame, T_w_c, covariance};
+  if (!pose.decided) return LateOutcome::kOpen;
   const Eigen::Map<const Eigen::Matrix3Xd> points(points_w.front().data(), 3,
                                                   static_cast<Eigen::Index>(points_w.size()));
-  const double distance_m = (points.rowwise().mean() - T_w_c.p).norm();
+  const double distance_m = (points.rowwise().mean() - fix.T_w_c.p).norm();
   const auto now = carriedFrom(fix);
-  if (!now || now->doubt_m > options_.integrator.max_start_error * distance_m) {
+  // Where one more view may soon tell the scale, the features there are are not given up for new
+  // ones, unless the camera hardly moves.
+  constexpr double kPatience = 0.25;
+  const bool anew = now && now->scale.sigma >= options_.integrator.max_rescale_sigma;
+  const double patience = anew && first_fix_ ? kPatience : 1.0;
+  if (!now || now->doubt_m > patience * options_.integrator.max_start_error * distance_m) {
     note(fix);
     return LateOutcome::kNoted;
   }
@@ -203,16 +254,21 @@ LateOutcome PoseIntegrator::late(std::uint64_t frame, const Transform& T_w_c,
   return LateOutcome::kStarted;
 }
 
-// The first one stays, for the longest way, as long as its camera is remembered.
+// The first one stays, for the longest way, as long as its camera is remembered and no later one
+// contradicts it.
 void PoseIntegrator::note(const Fix& fix) {
   ambiguity_ratio_ = kUnambiguous;
-  if (!first_fix_ || !filter_->filter().pastPose(first_fix_->frame)) first_fix_ = fix;
+  const FeatureFilter& filter = filter_->filter();
+  const auto first = first_fix_ ? filter.pastPose(first_fix_->frame) : std::nullopt;
+  const auto now = filter.pastPose(fix.frame);
+  if (!first || !now || !turnedAlike(*first_fix_, first->R, fix, now->R)) first_fix_ = fix;
 }
 
 void PoseIntegrator::begin(const Fix& fix, const Scale& scale,
                            std::span<const Eigen::Vector3d> points_w) {
   FeatureFilter& filter = filter_->filter();
   if (scale.sigma < options_.integrator.max_rescale_sigma) {
+    filter_->forgetPoints();
     (void)filter.rescaleFromPast(fix.frame, scale.metres, scale.sigma);
     (void)filter.restartFromPast(fix.frame, fix.T_w_c, fix.covariance);
     first_fix_.reset();
@@ -236,6 +292,8 @@ PoseIntegrator::Scale PoseIntegrator::scaleOf(const Fix& fix) const {
   const auto first = filter.pastPose(first_fix_->frame);
   const auto second = filter.pastPose(fix.frame);
   if (!first || !second) return scale;
+  // Of one of a plane's two poses and the other: no way that was gone.
+  if (!turnedAlike(*first_fix_, first->R, fix, second->R)) return scale;
   const double own = (second->p - first->p).norm();
   const Eigen::Vector3d way = fix.T_w_c.p - first_fix_->T_w_c.p;
   const double sigma_m = std::sqrt(variance(fix.covariance) + variance(first_fix_->covariance));
@@ -290,8 +348,13 @@ void PoseIntegrator::beginAtKnownPoints(const ImageView& image) {
 }
 
 void PoseIntegrator::moveWorld(const Transform& T_new_old) {
-  if (running() && !adrift_) filter_->filter().moveWorld(T_new_old);
+  if (running() && !adrift_) filter_->moveWorld(T_new_old);
   for (Eigen::Vector3d& p_w : known_points_w_) p_w = T_new_old * p_w;
+  for (std::optional<Fix>* fix : {&first_fix_, &anew_, &first_refused_}) {
+    if (!*fix) continue;
+    (*fix)->T_w_c = T_new_old * (*fix)->T_w_c;
+    (*fix)->covariance = turnedCovariance(T_new_old.R, (*fix)->covariance);
+  }
 }
 
 void PoseIntegrator::advance(std::int64_t time_ns) {

@@ -87,7 +87,25 @@ enum class LateOutcome : std::uint8_t {
   kRefused,  // contradicts what is known
   kStarted,  // the filter goes on from there: it had no place in the world, or a wrong one
   kNoted,    // the same, but how far the camera has gone since is not known yet
+  kOpen,     // which of its two poses it is is open, or what is known speaks for the other one
   kUnknown,  // nobody follows features since that frame
+};
+
+// Where the camera of an earlier frame was, as a picture says.
+struct LateFix {
+  std::uint64_t frame = 0;
+  Transform T_w_c;
+  // Of (dp, dtheta), relative to what the pose is from.
+  Matrix6d covariance = Matrix6d::Zero();
+};
+
+// What a picture says of an earlier frame.
+struct LatePose {
+  LateFix fix;
+  // The other pose that the picture's plane leaves open, of the same frame.
+  std::optional<LateFix> other;
+  // The picture itself has decided between them.
+  bool decided = true;
 };
 
 class PoseIntegrator {
@@ -104,6 +122,9 @@ class PoseIntegrator {
   // Of the last frame, where it was follow()ed: its pose from features and markers together, in
   // place of the markers' alone. Empty where the filter has only begun, or knows no better.
   [[nodiscard]] const std::optional<PoseEstimate>& fused() const { return fused_; }
+  // Of the last frame, where it was follow()ed right after a bridge: where features alone had the
+  // camera in it, as of what the bridge began from.
+  [[nodiscard]] const std::optional<FilteredPose>& arrival() const { return arrival_; }
   // A frame without one; where the camera is, its covariances relative to the markers it came from.
   // Empty where neither features nor motion say.
   [[nodiscard]] std::optional<PoseEstimate> bridge(std::int64_t time_ns, const ImageView& image);
@@ -112,11 +133,9 @@ class PoseIntegrator {
   // followed and the frame has no pose, features are followed from here on, adrift: without a place
   // in the world until late() tells one.
   void await(std::uint64_t frame, std::int64_t time_ns, const ImageView& image, bool has_pose);
-  // Before follow() or bridge() of a frame: where the camera of an awaited one was. covariance: of
-  // (dp, dtheta), relative to what the pose is from. points_w: of a surface there, that new
-  // features may begin at, their places being known.
-  LateOutcome late(std::uint64_t frame, const Transform& T_w_c, const Matrix6d& covariance,
-                   std::span<const Eigen::Vector3d> points_w);
+  // Before follow() or bridge() of a frame: where the camera of an awaited one was. points_w: of a
+  // surface there, that new features may begin at, their places being known.
+  LateOutcome late(const LatePose& pose, std::span<const Eigen::Vector3d> points_w);
 
   [[nodiscard]] bool adrift() const { return adrift_; }
 
@@ -127,12 +146,17 @@ class PoseIntegrator {
   [[nodiscard]] bool running() const { return filter_ && filter_->running(); }
   // The features seen in it, if any; nullopt where they are given up.
   [[nodiscard]] std::optional<VisualUpdate> look(std::int64_t time_ns, const ImageView& image);
-  // Where the camera was in a frame, as a picture says.
-  struct Fix {
-    std::uint64_t frame = 0;
-    Transform T_w_c;
-    Matrix6d covariance = Matrix6d::Zero();
-  };
+  using Fix = LateFix;
+  // Of a filter that has a place. kRefused: it contradicts a picture, which may be wrong itself.
+  [[nodiscard]] LateOutcome weigh(const LatePose& pose);
+  [[nodiscard]] LateOutcome use(const Fix& fix);
+  // Contradicted by one more picture: whether that has been enough of them that agree, or so many
+  // that it does not matter.
+  [[nodiscard]] bool isOutvoted(const Fix& fix);
+  // Whether the camera has turned from one fix to the other as the filter says, whatever its scale:
+  // not so where one of them is the other pose of a plane.
+  [[nodiscard]] bool turnedAlike(const Fix& a, const Eigen::Matrix3d& a_R_w_c, const Fix& b,
+                                 const Eigen::Matrix3d& b_R_w_c) const;
   // Metres for one of the filter's own, from the way between two fixes, and its standard deviation
   // as a share.
   struct Scale {
@@ -174,15 +198,18 @@ class PoseIntegrator {
   Counters* counters_;
   std::optional<VisualFilter> filter_;
   std::optional<PoseEstimate> fused_;
-  std::int64_t time_ns_ = 0;         // of the filter
-  std::int64_t few_markers_ns_ = 0;  // the last frame with at most max_markers
-  std::int64_t last_seen_ns_ = 0;    // the last frame that markers or features saw
-  bool bridging_ = false;            // the last frame's pose was from features
-  int contradictions_ = 0;           // frames in succession
-  bool adrift_ = false;              // the filter has no place in the world yet
-  std::optional<Fix> first_fix_;     // while adrift
-  std::optional<Fix> anew_;          // that it is to begin from in the next frame
-  int late_refusals_ = 0;            // in succession, without a marker in between
+  std::optional<FilteredPose> arrival_;
+  std::int64_t time_ns_ = 0;          // of the filter
+  std::int64_t few_markers_ns_ = 0;   // the last frame with at most max_markers
+  std::int64_t last_seen_ns_ = 0;     // the last frame that markers or features saw
+  bool bridging_ = false;             // the last frame's pose was from features
+  int contradictions_ = 0;            // frames in succession
+  bool adrift_ = false;               // the filter has no place in the world yet
+  std::optional<Fix> first_fix_;      // while adrift
+  std::optional<Fix> anew_;           // that it is to begin from in the next frame
+  int late_refusals_ = 0;             // in succession, without a marker in between, that agree
+  int contradicted_ = 0;              // all of them
+  std::optional<Fix> first_refused_;  // of these
   std::vector<Eigen::Vector3d> known_points_w_;
   double ambiguity_ratio_ = 0.0;  // of the last pose from markers
 };

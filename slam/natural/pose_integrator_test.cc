@@ -211,13 +211,32 @@ class StartFromPictureTest : public PoseIntegratorTest {
     Transform T_w_c;
   };
 
+  // What is said of an awaited frame.
+  [[nodiscard]] LatePose answer() const {
+    const auto fix = [&](const Transform& T_w_c) {
+      return LateFix{static_cast<std::uint64_t>(awaited_->frame), T_w_c,
+                     sigma_ * sigma_ * Matrix6d::Identity()};
+    };
+    LatePose pose{.fix = fix(awaited_->T_w_c), .decided = decided_};
+    if (other_rad_ == 0.0) return pose;
+    pose.other = fix(turnedAboutPicture(awaited_->T_w_c, other_rad_));
+    if (flipped_) std::swap(pose.fix, *pose.other);
+    if (!tell_other_) pose.other.reset();
+    return pose;
+  }
+  [[nodiscard]] Transform turnedAboutPicture(const Transform& T_w_c, double angle_rad) const {
+    Transform turn;
+    turn.R = Eigen::AngleAxisd(angle_rad, Eigen::Vector3d::UnitZ()).toRotationMatrix();
+    const Eigen::Vector3d middle(-0.5, 0.0, 0.0);
+    turn.p = middle - turn.R * middle;
+    return turn * T_w_c;
+  }
+
   // answers: whether the one looked at was found.
   std::optional<PoseEstimate> stepAwaited(bool answers) {
     constexpr int kFramesPerLook = 5;
     if (awaited_ && frame_ % kFramesPerLook == 0 && answers) {
-      const Matrix6d covariance = sigma_ * sigma_ * Matrix6d::Identity();
-      outcome_ = integrator_->late(static_cast<std::uint64_t>(awaited_->frame), awaited_->T_w_c,
-                                   covariance, points_w_);
+      outcome_ = integrator_->late(answer(), points_w_);
     }
     const int number = frame_;
     const auto pose = step(See::kWallOnly).pose;
@@ -244,7 +263,11 @@ class StartFromPictureTest : public PoseIntegratorTest {
     }
     return points;
   }();
-  double sigma_ = 0.002;  // of what is said of a frame, metres and radians
+  double sigma_ = 0.002;    // of what is said of a frame, metres and radians
+  double other_rad_ = 0.0;  // how far the plane's other pose is turned; 0: there is none
+  bool flipped_ = false;    // the other one is taken for the right one
+  bool tell_other_ = true;  // it is said that there are two
+  bool decided_ = true;
   std::optional<Awaited> awaited_;
   LateOutcome outcome_ = LateOutcome::kUnknown;
 };
@@ -328,6 +351,64 @@ TEST_F(StartFromPictureTest, APoseThatPicturesContradictIsGivenUp) {
   }
   EXPECT_EQ(refused, options_.integrator.witnesses - 1);
   EXPECT_TRUE(begun);
+}
+
+// A picture that is small and far: of its two poses, 50 mrad apart, now the one and now the other
+// looks better, and is said to be surely the right one.
+TEST_F(StartFromPictureTest, APoseThatAgreesWithAPicturesOtherOneIsKept) {
+  for (int i = 0; i < 40; ++i) (void)stepAwaited(true);
+  other_rad_ = 0.05;
+  int posed = 0;
+  for (int i = 0; i < 45; ++i) {
+    flipped_ = i % 15 < 10;
+    outcome_ = LateOutcome::kUnknown;
+    const auto pose = stepAwaited(true);
+    EXPECT_NE(outcome_, LateOutcome::kStarted) << i;
+    EXPECT_NE(outcome_, LateOutcome::kRefused) << i;
+    if (!pose) continue;
+    expectRight(*pose);
+    ++posed;
+  }
+  EXPECT_EQ(posed, 45);
+}
+
+// Nobody says that there are two: contradictions that contradict each other are no witnesses, until
+// there have been too many of them.
+TEST_F(StartFromPictureTest, WitnessesMustAgree) {
+  for (int i = 0; i < 40; ++i) (void)stepAwaited(true);
+  tell_other_ = false;
+  flipped_ = true;
+  int refused = 0;
+  for (int i = 0; i < 25; ++i) {
+    other_rad_ = i % 10 < 5 ? 0.05 : -0.05;
+    outcome_ = LateOutcome::kUnknown;
+    const auto pose = stepAwaited(true);
+    EXPECT_NE(outcome_, LateOutcome::kStarted) << i;
+    if (outcome_ == LateOutcome::kRefused) ++refused;
+    if (pose) expectRight(*pose);
+  }
+  EXPECT_GT(refused, options_.integrator.witnesses);
+}
+
+TEST_F(StartFromPictureTest, AnOpenPoseIsOfUseToWhoKnowsBetterOnly) {
+  decided_ = false;
+  other_rad_ = 0.05;
+  for (int i = 0; i < 40; ++i) EXPECT_FALSE(stepAwaited(true)) << "nothing tells which it is";
+  EXPECT_EQ(outcome_, LateOutcome::kOpen);
+  decided_ = true;
+  for (int i = 0; i < 40; ++i) (void)stepAwaited(true);
+  ASSERT_TRUE(outcome_ == LateOutcome::kUsed || outcome_ == LateOutcome::kKnown);
+  // Then of either the right one is taken.
+  decided_ = false;
+  sigma_ = 0.0005;
+  for (int i = 0; i < 10; ++i) {
+    flipped_ = i >= 5;
+    outcome_ = LateOutcome::kUnknown;
+    const auto pose = stepAwaited(true);
+    if (i % 5 == 0) EXPECT_EQ(outcome_, LateOutcome::kUsed) << i;
+    ASSERT_TRUE(pose);
+    expectRight(*pose);
+  }
 }
 
 TEST(NaturalOptions, WhatCannotWorkIsTold) {

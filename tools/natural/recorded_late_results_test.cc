@@ -26,6 +26,12 @@ natural_detections_t someMessage() {
     detection.p_m_c[2] = 0.7;
     detection.q_m_c[1] = 1.0;
     detection.covariance[8] = 0.25;
+    detection.decided = i == 0 ? 1 : 0;
+    detection.ambiguity_ratio = 1.5;
+    detection.has_other = i == 0 ? 0 : 1;
+    detection.other_p_m_c[0] = 0.125;
+    detection.other_q_m_c[2] = 1.0;
+    detection.other_covariance[8] = 0.5;
   }
   return message;
 }
@@ -48,6 +54,14 @@ TEST(RecordedLateResults, AMessageIsReadBack) {
   EXPECT_EQ(late.T_m_c.p.z(), 0.7);
   EXPECT_EQ(late.T_m_c.R(1, 1), -1.0);
   EXPECT_EQ(late.covariance(1, 2), 0.25);
+  EXPECT_FALSE(late.decided);
+  EXPECT_EQ(late.ambiguity_ratio, 1.5);
+  ASSERT_TRUE(late.other);
+  EXPECT_EQ(late.other->T_m_c.p.x(), 0.125);
+  EXPECT_EQ(late.other->T_m_c.R(0, 0), -1.0);
+  EXPECT_EQ(late.other->covariance(1, 2), 0.5);
+  EXPECT_TRUE(decoded->recorded.late[0].decided);
+  EXPECT_FALSE(decoded->recorded.late[0].other);
 }
 
 TEST(RecordedLateResults, WhatIsNoSuchMessageIsNone) {
@@ -60,6 +74,9 @@ TEST(RecordedLateResults, WhatIsNoSuchMessageIsNone) {
   EXPECT_FALSE(decodeNaturalDetections(longer));
   natural_detections_t absurd = someMessage();
   absurd.detections[0].p_m_c[0] = std::numeric_limits<double>::quiet_NaN();
+  EXPECT_FALSE(decodeNaturalDetections(encoded(absurd)));
+  absurd = someMessage();
+  absurd.detections[1].other_covariance[3] = std::numeric_limits<double>::infinity();
   EXPECT_FALSE(decodeNaturalDetections(encoded(absurd)));
 }
 

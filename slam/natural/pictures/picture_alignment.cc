@@ -290,22 +290,29 @@ double meanCutSquare(const PhotometricFit& fit, double cutoff) {
   return seen > 0 ? sum / seen : cutoff * cutoff;
 }
 
+// What the pixels of a corner have in common, pixels of the image.
+double systematicSigma_px(const PictureAlignmentOptions& options, double blur_px, int level) {
+  const double sampling_px = options.systematic_sigma_px * (1 << level);
+  const double streak_px = options.blur_sigma_per_px2 * blur_px * blur_px;
+  return std::hypot(sampling_px, streak_px);
+}
+
+std::array<Eigen::Vector3d, 4> printCorners(const NaturalMarker& marker) {
+  const double x = 0.5 * marker.width_m();
+  const double y = 0.5 * marker.height_m();
+  return {{{-x, -y, 0.0}, {-x, y, 0.0}, {x, -y, 0.0}, {x, y, 0.0}}};
+}
+
 // Four corners, each off by the systematic error on its own.
 std::optional<Matrix6d> systematicCovariance(const Subject& subject, const Transform& T_c_p,
-                                             double blur_px, int level) {
-  const double focal_px = subject.rays->camera().focalLength();
-  const double sampling_px = subject.options.systematic_sigma_px * (1 << level);
-  const double streak_px = subject.options.blur_sigma_per_px2 * blur_px * blur_px;
-  const double sigma = std::hypot(sampling_px, streak_px) / focal_px;
+                                             double sigma_px) {
+  const double sigma = sigma_px / subject.rays->camera().focalLength();
   Matrix6d H = Matrix6d::Zero();
-  for (const double x : {-0.5, 0.5}) {
-    for (const double y : {-0.5, 0.5}) {
-      const Eigen::Vector3d p =
-          T_c_p * Eigen::Vector3d(x * subject.marker.width_m(), y * subject.marker.height_m(), 0.0);
-      if (p.z() < kNearestDepth) return std::nullopt;
-      const Matrix26d J = markerJacobian(T_c_p, p, projectionJacobian(Transform{}, p)) / sigma;
-      H += J.transpose() * J;
-    }
+  for (const Eigen::Vector3d& corner : printCorners(subject.marker)) {
+    const Eigen::Vector3d p = T_c_p * corner;
+    if (p.z() < kNearestDepth) return std::nullopt;
+    const Matrix26d J = markerJacobian(T_c_p, p, projectionJacobian(Transform{}, p)) / sigma;
+    H += J.transpose() * J;
   }
   return inverseOf(H);
 }
@@ -336,7 +343,8 @@ bool fillCovariance(const Subject& subject, const Sums& sums, int level, Picture
       blocks > 2.0 * kPhotometricUnknowns ? blocks / (blocks - kPhotometricUnknowns) : 2.0;
   const double trace = white.ldlt().solve(dependent).trace();
   result->dependence = std::max(1.0, correction * trace / (6.0 * mean_influence2));
-  const auto systematic = systematicCovariance(subject, result->T_c_p, result->blur_px, level);
+  result->systematic_px = systematicSigma_px(subject.options, result->blur_px, level);
+  const auto systematic = systematicCovariance(subject, result->T_c_p, result->systematic_px);
   if (!systematic) return false;
   result->covariance = result->dependence * variance * white + *systematic;
   return result->covariance.allFinite();
@@ -433,6 +441,23 @@ double evidenceAgainst(const PictureAlignment& rival, const PictureAlignment& be
   const double noise = std::max(options.min_noise, best.noise);
   const double worse = std::max(0.0, rival.cut_square - best.cut_square);
   return best.pixels * worse / (noise * noise) / best.dependence;
+}
+
+double evidenceAgainstPose(const NaturalMarker& marker, const CameraModel& camera,
+                           const PictureAlignment& rival, const PictureAlignment& best,
+                           const PictureAlignmentOptions& options) {
+  const double of_pixels = evidenceAgainst(rival, best, options);
+  double apart_px2 = 0.0;
+  for (const Eigen::Vector3d& corner : printCorners(marker)) {
+    const auto a = camera.project(rival.T_c_p * corner);
+    const auto b = camera.project(best.T_c_p * corner);
+    if (!a || !b) return of_pixels;  // so near that nothing is ambiguous
+    apart_px2 += (*a - *b).squaredNorm();
+  }
+  const double of_corners = apart_px2 / (best.systematic_px * best.systematic_px);
+  // The way from one to the other is known as well as both errors together leave it.
+  return of_pixels > 0.0 && of_corners > 0.0 ? of_pixels * of_corners / (of_pixels + of_corners)
+                                             : 0.0;
 }
 
 }  // namespace waymark::slam

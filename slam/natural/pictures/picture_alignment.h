@@ -63,6 +63,9 @@ struct PictureAlignment {
   int pixels = 0;        // compared
   // How much worse than independent the residuals are, at least 1.
   double dependence = 1.0;
+  // Of each corner, what its pixels have in common (the options' systematic errors), pixels of the
+  // image.
+  double systematic_px = 0.0;
   // Mean of the squared residuals, each cut off at outlier_sigmas, in grey levels squared.
   double cut_square = 0.0;
 
@@ -84,5 +87,12 @@ struct PictureAlignment {
 // the noise of the better one.
 [[nodiscard]] double evidenceAgainst(const PictureAlignment& rival, const PictureAlignment& best,
                                      const PictureAlignmentOptions& options = {});
+
+// The same of two poses of one picture: what moves its corners from the one to the other may be a
+// systematic error, which no number of pixels averages away.
+[[nodiscard]] double evidenceAgainstPose(const NaturalMarker& marker, const CameraModel& camera,
+                                         const PictureAlignment& rival,
+                                         const PictureAlignment& best,
+                                         const PictureAlignmentOptions& options = {});
 
 }  // namespace waymark::slam

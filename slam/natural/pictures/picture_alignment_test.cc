@@ -169,5 +169,34 @@ TEST_F(PictureAlignmentTest, TheMirroredPoseIsWorse) {
   }
 }
 
+// However many pixels speak for one of two poses: what would take the corners from the one to the
+// other may be the lens, or the paper.
+TEST(PictureAlignmentEvidence, NoNumberOfPixelsDecidesWhatASystematicErrorMayBe) {
+  const CameraModel camera(testing::testCalibration());
+  const NaturalMarker marker =
+      NaturalMarker::create(testing::viewOf(testing::poster(7)), 0.2, 0.15).value();
+  PictureAlignment best;
+  best.pixels = 4000;
+  best.noise = 0.5;
+  best.cut_square = 0.25;
+  best.systematic_px = 0.03;
+  const auto evidence = [&](double turn_rad, double worse) {
+    PictureAlignment rival = best;
+    best.T_c_p = testing::pictureAt(2.0, 0.5 * turn_rad, 0.0, 0.0);
+    rival.T_c_p = testing::pictureAt(2.0, -0.5 * turn_rad, 0.0, 0.0);
+    rival.cut_square += worse;
+    return std::pair(evidenceAgainst(rival, best),
+                     evidenceAgainstPose(marker, camera, rival, best));
+  };
+  const auto [pixels, both] = evidence(0.02, 1.0);
+  EXPECT_GT(pixels, 1000.0);
+  EXPECT_LT(both, 0.1 * pixels);
+  EXPECT_GT(both, 0.0);
+  const auto [far_pixels, far_both] = evidence(0.8, 1.0);
+  EXPECT_GT(far_pixels, 1000.0);
+  EXPECT_GT(far_both, 1000.0) << "no lens makes that";
+  EXPECT_EQ(evidence(0.02, 0.0).second, 0.0);
+}
+
 }  // namespace
 }  // namespace waymark::slam

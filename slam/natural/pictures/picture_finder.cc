@@ -100,10 +100,12 @@ void PictureFinder::addRival(const NaturalMarker& marker, const GreyPyramid& ima
   if (!rival || !looksRight(*rival)) return;
   if (!isAnotherPose(rival->T_c_p, found->alignment.T_c_p, options_.other_rotation_rad)) return;
   if (rival->cut_square < found->alignment.cut_square) std::swap(*rival, found->alignment);
-  const double evidence = evidenceAgainst(*rival, found->alignment, options_.alignment);
+  const double evidence =
+      evidenceAgainstPose(marker, rays_->camera(), *rival, found->alignment, options_.alignment);
   constexpr double kExpected = 2.0;  // of the right pose: four corners less six unknowns
   const double floor = kExpected + options_.evidence_floor;
   found->other_T_c_p = rival->T_c_p;
+  found->other_covariance = rival->covariance;
   found->ambiguity_ratio = (evidence + floor) / floor;
 }
 

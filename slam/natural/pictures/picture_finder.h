@@ -52,6 +52,7 @@ struct FoundPicture {
   // The other pose, where the image does not exclude that there is one, and how much worse it
   // explains the image, as of squares (SquarePose::ratio): 1 is a coin toss.
   std::optional<Transform> other_T_c_p;
+  Matrix6d other_covariance = Matrix6d::Zero();
   double ambiguity_ratio = 1e6;
   // Pictures of the set that explain this place about as well: which of them it is, is open.
   std::vector<int> alike;

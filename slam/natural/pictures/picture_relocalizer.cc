@@ -64,17 +64,30 @@ std::span<const int> PictureRelocalizer::candidatesFor(const std::optional<LastP
   return candidates_;
 }
 
-bool PictureRelocalizer::isCertain(const FoundPicture& found) {
+bool PictureRelocalizer::isOneOfAKind(const FoundPicture& found) {
   if (!found.alike.empty()) {
     ++counts_.alike;
   } else if (found.instances > 1) {
     ++counts_.repeated;
-  } else if (found.other_T_c_p && found.ambiguity_ratio < options_.min_ambiguity_ratio) {
-    ++counts_.ambiguous;
   } else {
     return true;
   }
   return false;
+}
+
+LateResult PictureRelocalizer::resultOf(const RelocalizationQuery& query,
+                                        const FoundPicture& found) {
+  LateResult result = cameraInPicture(found.alignment.T_c_p, found.alignment.covariance);
+  result.sequence = query.time.sequence;
+  result.generation = query.generation;
+  result.landmark = ids_[static_cast<std::size_t>(found.picture)];
+  if (!found.other_T_c_p) return result;
+  const LateResult other = cameraInPicture(*found.other_T_c_p, found.other_covariance);
+  result.other = LateResult::OtherPose{other.T_m_c, other.covariance};
+  result.ambiguity_ratio = found.ambiguity_ratio;
+  result.decided = found.ambiguity_ratio >= options_.min_ambiguity_ratio;
+  if (!result.decided) ++counts_.ambiguous;
+  return result;
 }
 
 std::span<const LateResult> PictureRelocalizer::locate(const RelocalizationQuery& query) {
@@ -83,12 +96,7 @@ std::span<const LateResult> PictureRelocalizer::locate(const RelocalizationQuery
   const PictureSearch search = finder_.find(query.image, camera_, candidatesFor(query.last));
   counts_.not_verified += static_cast<std::uint64_t>(search.proposed) - search.found.size();
   for (const FoundPicture& found : search.found) {
-    if (!isCertain(found)) continue;
-    LateResult result = cameraInPicture(found.alignment.T_c_p, found.alignment.covariance);
-    result.sequence = query.time.sequence;
-    result.generation = query.generation;
-    result.landmark = ids_[static_cast<std::size_t>(found.picture)];
-    results_.push_back(result);
+    if (isOneOfAKind(found)) results_.push_back(resultOf(query, found));
   }
   counts_.located += results_.size();
   return results_;

@@ -23,7 +23,8 @@
 namespace waymark::slam {
 
 struct PictureRelocalizerOptions {
-  // The other pose that a plane leaves open must explain the image this much worse, as of squares.
+  // The image has decided between a plane's two poses when the other one explains it this much
+  // worse, as of squares.
   double min_ambiguity_ratio = 3.0;
   NearbyPicturesOptions nearby;
   PictureFinderOptions finder;
@@ -51,7 +52,7 @@ struct RelocalizationCounts {
   std::uint64_t searches = 0;
   std::uint64_t located = 0;
   std::uint64_t not_verified = 0;  // features spoke for a place that the image does not confirm
-  std::uint64_t ambiguous = 0;     // the other pose explains the image nearly as well
+  std::uint64_t ambiguous = 0;     // of these: the other pose explains the image nearly as well
   std::uint64_t alike = 0;         // which picture of several it is, is open
   std::uint64_t repeated = 0;      // seen more than once in one image: which print it is, is open
 };
@@ -65,9 +66,9 @@ class PictureRelocalizer {
   PictureRelocalizer(const PictureRelocalizer&) = delete;
   PictureRelocalizer& operator=(const PictureRelocalizer&) = delete;
 
-  // The pictures in the frame that can be told from all others, in one pose only: `landmark` is the
-  // picture's id, T_m_c the camera in the picture's frame, covariance of its delta
-  // (Transform::retract). Valid until the next call.
+  // The pictures in the frame that can be told from all others: `landmark` is the picture's id,
+  // T_m_c the camera in the picture's frame, covariance of its delta (Transform::retract); with the
+  // other pose, where the image leaves one open. Valid until the next call.
   [[nodiscard]] std::span<const LateResult> locate(const RelocalizationQuery& query);
 
   // Where a picture hangs, found by the map since; empty: not known any more. Precondition:
@@ -81,7 +82,8 @@ class PictureRelocalizer {
 
  private:
   [[nodiscard]] std::span<const int> candidatesFor(const std::optional<LastPlace>& last);
-  [[nodiscard]] bool isCertain(const FoundPicture& found);
+  [[nodiscard]] bool isOneOfAKind(const FoundPicture& found);
+  [[nodiscard]] LateResult resultOf(const RelocalizationQuery& query, const FoundPicture& found);
 
   PictureRelocalizerOptions options_;
   CameraModel camera_;

@@ -1,5 +1,7 @@
 #include "slam/natural/pictures/picture_relocalizer.h"
 
+#include <algorithm>
+#include <cstdint>
 #include <random>
 #include <vector>
 
@@ -113,6 +115,45 @@ TEST_F(PictureRelocalizerTest, WhatIsOpenIsNotTold) {
   EXPECT_TRUE(relocalizer.locate(query).empty());
   EXPECT_EQ(relocalizer.counts().alike, 2U);
   EXPECT_EQ(relocalizer.counts().located, 0U);
+}
+
+// Small, far and nearly from the front both poses of the plane look alike: what is told as decided
+// is right. Who wants more of a decision is told both, one of which is right.
+TEST_F(PictureRelocalizerTest, OfASmallPictureBothPosesAreKept) {
+  PictureRelocalizer relocalizer(row(1), scene_.camera);
+  PictureRelocalizer cautious(row(1), scene_.camera, {.min_ambiguity_ratio = 1e5});
+  int decided = 0;
+  int open = 0;
+  for (unsigned seed = 1; seed <= 8; ++seed) {
+    const Transform T_c_m =
+        testing::pictureAt(1.5 + 0.25 * (seed % 5), 0.04 * (seed % 6), 0.4 * seed, 0.1);
+    const cv::Mat image = testing::seenPicture(scene_, testing::poster(100), kPosterWidth_m,
+                                               kPosterHeight_m, T_c_m, seed);
+    const auto nees = [&](const Transform& T_m_c, const Matrix6d& covariance) {
+      const Vector6d error = T_m_c.localCoordinates(T_c_m.inverse());
+      return error.dot(covariance.ldlt().solve(error));
+    };
+    const RelocalizationQuery query{
+        .time = {seed, 1'000}, .generation = 0, .image = testing::viewOf(image), .last = {}};
+    for (const LateResult& found : relocalizer.locate(query)) {
+      if (!found.decided) continue;
+      ++decided;
+      EXPECT_LT(nees(found.T_m_c, found.covariance), 22.5) << "seed " << seed;
+    }
+    for (const LateResult& found : cautious.locate(query)) {
+      EXPECT_EQ(found.decided, !found.other) << "seed " << seed;
+      if (found.decided) continue;
+      ++open;
+      EXPECT_LT(found.ambiguity_ratio, 1e5);
+      EXPECT_LT(std::min(nees(found.T_m_c, found.covariance),
+                         nees(found.other->T_m_c, found.other->covariance)),
+                22.5)
+          << "seed " << seed;
+    }
+  }
+  EXPECT_GT(decided, 4);
+  EXPECT_GT(open, 0);
+  EXPECT_EQ(cautious.counts().ambiguous, static_cast<std::uint64_t>(open));
 }
 
 TEST_F(PictureRelocalizerTest, AnEmptyImageHasNothing) {
