@@ -1,5 +1,5 @@
 # When Waymark is installed: writes the manual pages, compressed as Debian wants them (man reads
-# either). Wants `source`, this folder; `output`, a folder for the results; `example`, the example
+# either). Wants `pages`, their names; `source`, this folder; `output`, a folder for the results; `example`, the example
 # configuration; and `version`.
 set(VERSION "${version}")
 set(DATADIR "${CMAKE_INSTALL_PREFIX}/share")
@@ -10,7 +10,7 @@ string(REPLACE "-" "\\-" EXAMPLE "${EXAMPLE}")
 string(REGEX REPLACE "(^|\n)([.'])" "\\1\\\\&\\2" EXAMPLE "${EXAMPLE}")
 string(STRIP "${EXAMPLE}" EXAMPLE)
 
-foreach(page IN ITEMS waymark.1 waymarkd.8 waymarkd.toml.5)
+foreach(page IN LISTS pages)
   configure_file("${source}/${page}.in" "${output}/${page}" @ONLY)
   # Without name and time: the same source gives the same bytes.
   execute_process(COMMAND gzip -9 --no-name --stdout "${output}/${page}"

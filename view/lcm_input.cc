@@ -1,0 +1,91 @@
+#include "view/lcm_input.h"
+
+#include <chrono>
+#include <exception>
+#include <utility>
+
+#include <unistd.h>
+
+#include "base/clock.h"
+#include "daemon/publish/lcm_link.h"
+
+namespace waymark::view {
+
+LcmInput::LcmInput(boost::asio::io_context& io, std::string url, std::string channel_prefix,
+                   LiveState& state)
+    : url_(std::move(url)),
+      prefix_(std::move(channel_prefix)),
+      state_(state),
+      readable_(io),
+      pause_(io) {}
+
+void LcmInput::open() {
+  const auto address = daemon::multicastAddress(url_);
+  if (!address || !daemon::hasRoute(*address)) return retry(url_ + ": there is no multicast route");
+  lcm_.reset(lcm_create(url_.c_str()));
+  if (!lcm_) return retry(url_ + ": LCM refuses it");
+  if (const Status subscribed = subscribeAll(); !subscribed) {
+    lcm_.reset();
+    return retry(subscribed.error().message);
+  }
+  state_.setFault("");
+  // Its own copy, which it may close.
+  readable_.assign(::dup(lcm_get_fileno(lcm_.get())));
+  waitForMessages();
+}
+
+void LcmInput::retry(const std::string& fault) {
+  state_.setFault(fault);
+  pause_.expires_after(std::chrono::seconds(2));
+  pause_.async_wait([this](const boost::system::error_code& stopped) {
+    if (!stopped) open();
+  });
+}
+
+// Anybody can send on a channel, and the generated code throws on impossible lengths.
+template <typename Message>
+bool LcmInput::subscribe(const char* name) {
+  const auto receive = [](const lcm_recv_buf_t* buffer, const char*, void* self) {
+    LiveState& state = static_cast<LcmInput*>(self)->state_;
+    Message message{};
+    try {
+      const int size = static_cast<int>(buffer->data_size);
+      if (message.decode(buffer->data, 0, size) < 0) return state.addMalformed();
+    } catch (const std::exception&) {
+      return state.addMalformed();
+    }
+    state.add(message, monotonicNs());
+  };
+  lcm_subscription_t* subscription =
+      lcm_subscribe(lcm_.get(), (prefix_ + name).c_str(), receive, this);
+  if (subscription == nullptr) return false;
+  lcm_subscription_set_queue_capacity(subscription, 300);
+  return true;
+}
+
+Status LcmInput::subscribeAll() {
+  const bool all = subscribe<pose_t>("POSE") && subscribe<map_t>("MAP") &&
+                   subscribe<health_t>("HEALTH") && subscribe<detections_t>("DETECTIONS");
+  if (!all) return Error{prefix_ + "...: cannot subscribe"};
+  return success();
+}
+
+void LcmInput::waitForMessages() {
+  using Descriptor = boost::asio::posix::stream_descriptor;
+  readable_.async_wait(Descriptor::wait_read, [this](const boost::system::error_code& stopped) {
+    if (stopped) return;
+    // A bounded number, so that pages get their turn whatever comes in.
+    constexpr int kMost = 100;
+    for (int i = 0; i < kMost; ++i) {
+      const int handled = lcm_handle_timeout(lcm_.get(), 0);
+      if (handled == 0) break;
+      if (handled > 0) continue;
+      readable_.close();
+      lcm_.reset();
+      return retry(url_ + ": receiving failed");
+    }
+    waitForMessages();
+  });
+}
+
+}  // namespace waymark::view

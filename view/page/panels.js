@@ -1,0 +1,218 @@
+// Everything beside the map: words, numbers, the image with what was found in it.
+"use strict";
+
+const WaymarkPanels = (() => {
+  const byId = (id) => document.getElementById(id);
+  const style = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
+  const history = [];          // {frames, poses} of each second
+  const SECONDS = 120;
+  const pixels = {width: 640, height: 480};
+  const SIZES = [[320, 240], [640, 480], [800, 600], [1280, 720], [1280, 800], [1600, 1200],
+                 [1920, 1080], [2592, 1944], [3840, 2160], [16384, 16384]];
+  let advice = {};
+
+  function number(value, digits, unit) {
+    return Number.isFinite(value) ? value.toFixed(digits) + (unit ? " " + unit : "") : "\u2013";
+  }
+
+  function fill(list, rows) {
+    list.textContent = "";
+    for (const [what, value] of rows) {
+      const dt = document.createElement("dt");
+      const dd = document.createElement("dd");
+      dt.textContent = what;
+      dd.textContent = value;
+      list.append(dt, dd);
+    }
+  }
+
+  // In words: how it is, and why it is not better.
+  function showStatus(connected, link, pose) {
+    let level = "bad";
+    let state = "no connection";
+    let why = "to waymark-view; trying again";
+    if (connected && link.fault) {
+      [state, why] = ["cannot listen", link.fault];
+    } else if (connected && !link.alive) {
+      [state, why] = ["no daemon", "nothing comes from waymarkd: is it running, with this URL and prefix?"];
+    } else if (connected && pose.status) {
+      state = pose.status;
+      why = pose.reason || "";
+      if (pose.status === "tracking") level = "good";
+      else if (pose.status !== "no camera") level = "warn";
+      if (pose.status === "bridging") why = why || "no marker gives a pose; natural features carry it";
+      if (!pose.p && pose.had_pose && pose.last_pose_age_s > 0) {
+        why += `; the last pose is ${number(pose.last_pose_age_s, 1, "s")} old`;
+      }
+    } else if (connected) {
+      [level, state, why] = ["warn", "waiting", "for the first frame"];
+    }
+    document.body.dataset.level = level;
+    // Only what is new: it is read out.
+    if (byId("state").textContent !== state) byId("state").textContent = state;
+    if (byId("why").textContent !== why) byId("why").textContent = why;
+    byId("nothing").hidden = !(level === "bad");
+    byId("nothing").textContent = `${state}: ${why}`;
+  }
+
+  function showPose(pose) {
+    const rows = [["Frame", String(pose.sequence === undefined ? "\u2013" : pose.sequence)]];
+    if (pose.p) {
+      rows.push(["Position", pose.p.map((v) => number(v, 3)).join("  ") + " m"],
+                ["Orientation", pose.q.map((v) => number(v, 3)).join("  ") + "  (w x y z)"],
+                ["Known to", `${number(1000 * pose.sigma_m, 1, "mm")}, ${number(180 / Math.PI * pose.sigma_rad, 2)}\u00b0 (one sigma)`],
+                ["From", `${pose.source}, ${pose.markers} markers, ${number(pose.rms_px, 2, "px")} residual`]);
+    } else {
+      rows.push(["Position", "no pose"], ["Why", pose.reason || "\u2013"]);
+    }
+    fill(byId("pose"), rows);
+    showHistogram(pose.latency_histogram);
+  }
+
+  function pen(canvas) {
+    const context = canvas.getContext("2d");
+    context.clearRect(0, 0, canvas.width, canvas.height);
+    context.font = "13px sans-serif";
+    return context;
+  }
+
+  function showHistogram(histogram) {
+    if (!histogram) return;
+    const canvas = byId("histogram");
+    const context = pen(canvas);
+    const counts = histogram.counts;
+    const most = Math.max(1, ...counts);
+    const wide = canvas.width / counts.length;
+    counts.forEach((count, i) => {
+      const high = (canvas.height - 38) * count / most;
+      context.fillStyle = style("--good");
+      context.fillRect(i * wide + 3, canvas.height - 20 - high, wide - 6, high);
+      context.fillStyle = style("--soft");
+      context.textAlign = "center";
+      const bound = histogram.bounds_ms[i];
+      context.fillText(bound === undefined ? "more" : String(bound), (i + 0.5) * wide, canvas.height - 5);
+      if (count > 0) context.fillText(String(count), (i + 0.5) * wide, canvas.height - 24 - high);
+    });
+    context.textAlign = "right";
+    context.fillText("ms", canvas.width - 2, 12);
+  }
+
+  function showSpark() {
+    const canvas = byId("spark");
+    const context = pen(canvas);
+    const most = Math.max(10, ...history.map((h) => h.frames));
+    const at = (i) => canvas.width - (history.length - i) * canvas.width / SECONDS;
+    const up = (value) => canvas.height - 2 - (canvas.height - 20) * value / most;
+    context.fillStyle = style("--good");
+    context.globalAlpha = 0.35;
+    history.forEach((h, i) => context.fillRect(at(i), up(h.poses), canvas.width / SECONDS + 0.5, canvas.height));
+    context.globalAlpha = 1;
+    context.strokeStyle = style("--ink");
+    context.beginPath();
+    history.forEach((h, i) => context.lineTo(at(i), up(h.frames)));
+    context.stroke();
+    context.fillStyle = style("--soft");
+    context.fillText(`${number(most, 0)} Hz`, 4, 14);
+  }
+
+  function showHealth(health) {
+    if (health.version === undefined) return;
+    history.push({frames: health.frame_rate_hz || 0, poses: health.pose_rate_hz || 0});
+    if (history.length > SECONDS) history.shift();
+    const ms = (ns) => number(1e-6 * ns, 2, "ms");
+    const counters = health.counters || {};
+    const lost = Object.keys(counters).filter((n) => n.startsWith("dropped.") && counters[n] > 0)
+      .map((n) => `${counters[n]} ${n.slice(8)}`);
+    fill(byId("rates"), [
+      ["Frames", `${number(health.frame_rate_hz, 1)} a second, ${number(health.pose_rate_hz, 1)} with a pose`],
+      ["Latency", `median ${ms(health.latency_median_ns)}, 99 % ${ms(health.latency_p99_ns)}, worst ${ms(health.latency_max_ns)}`],
+      ["A frame takes", `median ${ms(health.processing_median_ns)}, worst ${ms(health.processing_max_ns)}`],
+      ["Lost frames", lost.length > 0 ? lost.join(", ") : "none"],
+      ["Deadlines missed", String(counters["deadline.missed"] || 0)],
+      ["Camera", health.camera ? health.camera.state + (health.camera.reason ? ": " + health.camera.reason : "") : "\u2013"],
+      ["Daemon", `waymarkd ${health.version}, up ${number(health.uptime_ns / 60e9, 1, "min")}`],
+    ]);
+    showSpark();
+    showGrown(health.grown || {});
+  }
+
+  // Those that somebody can do something about.
+  function showGrown(grown) {
+    const rows = Object.keys(grown).filter((name) => advice[name] && advice[name].help)
+      .map((name) => [`${name} +${grown[name]}`, `${advice[name].counts}. ${advice[name].help}`]);
+    byId("no-counters").hidden = rows.length > 0;
+    fill(byId("counters"), rows);
+  }
+
+  function showMap(map) {
+    const posed = map.markers;
+    const unposed = map.unposed;
+    byId("map-text").textContent = posed.length + unposed.length === 0 ? "No map yet"
+      : `${map.dictionary}: ${posed.length} markers, ${map.keyframes} keyframes` +
+        (unposed.length > 0 ? `; ${unposed.length} without a pose` : "");
+    const body = byId("markers").tBodies[0];
+    body.textContent = "";
+    for (const m of [...posed, ...unposed]) {
+      const row = body.insertRow();
+      const sigma = m.p ? (m.sigma_m > 0 ? number(1000 * m.sigma_m, 1) : "\u2013") : "";
+      const state = m.piece > 0 ? `${m.state}, piece ${m.piece}` : m.state;
+      for (const value of [m.id, state, m.views, sigma]) row.insertCell().textContent = String(value);
+    }
+  }
+
+  function showImage(detections, pose) {
+    const canvas = byId("image");
+    for (const m of detections.markers) {
+      for (const [x, y] of m.corners) {
+        const fits = SIZES.find(([w, h]) => x < w && y < h);
+        if (fits && (fits[0] > pixels.width || fits[1] > pixels.height)) {
+          [pixels.width, pixels.height] = fits;
+        }
+      }
+    }
+    if (canvas.width !== pixels.width) [canvas.width, canvas.height] = [pixels.width, pixels.height];
+    const context = pen(canvas);
+    const unit = canvas.width / 640;
+    context.lineWidth = 2.5 * unit;
+    context.font = `bold ${16 * unit}px sans-serif`;
+    for (const m of detections.markers) {
+      context.strokeStyle = m.hamming > 0 ? style("--warn") : style("--good");
+      context.setLineDash(m.hamming > 0 ? [6 * unit, 4 * unit] : []);
+      context.beginPath();
+      m.corners.forEach(([x, y]) => context.lineTo(x + 0.5, y + 0.5));
+      context.closePath();
+      context.stroke();
+      context.fillStyle = style("--bad");  // where its top left corner is
+      context.fillRect(m.corners[0][0] - 3 * unit, m.corners[0][1] - 3 * unit, 6 * unit, 6 * unit);
+      context.fillStyle = style("--ink");
+      const middle = [0, 1].map((k) => m.corners.reduce((sum, c) => sum + c[k], 0) / 4);
+      context.textAlign = "center";
+      context.fillText(String(m.id), middle[0], middle[1] + 6 * unit);
+    }
+    const found = detections.markers.map((m) => m.id).join(", ");
+    byId("image-text").textContent = detections.sequence === undefined ? "Nothing yet"
+      : `Frame ${detections.sequence}: ${detections.seen} markers` + (found ? ` (${found})` : "") +
+        (pose.p && pose.sequence === detections.sequence ? `, ${pose.markers} in the pose, ${number(pose.rms_px, 2, "px")}` : "");
+  }
+
+  function showControl(status) {
+    if (!status || !status.map) return;
+    const recorder = status.recorder;
+    const recording = recorder && recorder.state === "recording";
+    for (const button of document.querySelectorAll("#buttons [data-command^=record]")) {
+      button.disabled = !recorder || (button.dataset.command === "record-start") === recording;
+    }
+    if (recorder) byId("answer").dataset.recorder = recorder.state;
+  }
+
+  async function start() {
+    try {
+      const reply = await fetch("advice.json");
+      advice = await reply.json();
+    } catch (e) {
+      advice = {};
+    }
+  }
+
+  return {start, showStatus, showPose, showHealth, showMap, showImage, showControl};
+})();

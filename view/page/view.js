@@ -1,0 +1,113 @@
+// The connection: what comes in goes to the map and to the panels; it is opened again for ever.
+"use strict";
+
+(() => {
+  const token = new URLSearchParams(location.hash.slice(1)).get("token") || "";
+  const state = {link: {}, pose: {}, detections: {markers: []}};
+  const sourceNumber = {"none": 0, "markers": 1, "natural features": 2, "prediction": 3};
+  let socket = null;
+  let connected = false;
+  let pause_ms = 500;
+  let lastSequence = null;
+  let newestMap = null;      // that is not drawn yet
+  let drawnMap = null;
+  let piece = 0;             // of the map, in which the camera is
+  let mapDrawn_ms = -1000;
+  let wanted = false;  // something is to be shown with the next frame of the screen
+
+  const takers = {
+    hello: (m) => { document.getElementById("buttons").hidden = !m.control; },
+    trail: (m) => {
+      WaymarkScene.clearTrail();
+      for (const [x, y, z, source, begins] of m.points) WaymarkScene.addToTrail([x, y, z], source, begins === 1);
+    },
+    link: (m) => { state.link = m; },
+    pose: (m) => {
+      // Another daemon, or the same one started anew.
+      if (m.sequence < lastSequence) WaymarkScene.clearTrail();
+      if (m.p && m.p.every(Number.isFinite)) {
+        WaymarkScene.addToTrail(m.p, sourceNumber[m.source], lastSequence === null || m.sequence - lastSequence > 30);
+        lastSequence = m.sequence;
+      }
+      state.pose = m;
+      if (m.p && m.piece !== piece) {
+        piece = m.piece;
+        WaymarkScene.clearTrail();
+        if (drawnMap && newestMap === null) {
+          newestMap = drawnMap;
+          drawMap();
+        }
+      }
+    },
+    map: (m) => {
+      // While it grows it changes ten times a second, and drawing it anew takes a while.
+      const waiting = newestMap !== null;
+      newestMap = m;
+      if (!waiting) setTimeout(drawMap, Math.max(0, mapDrawn_ms + 1000 - performance.now()));
+    },
+    health: (m) => WaymarkPanels.showHealth(m),
+    detections: (m) => { state.detections = m; },
+    control: (m) => WaymarkPanels.showControl(m.status),
+    answer: (m) => {
+      document.getElementById("answer").textContent = m.ok ? (m.result || "done") : `not done: ${m.error}`;
+    },
+  };
+
+  function drawMap() {
+    drawnMap = newestMap;
+    // Each piece has a world of its own: the one that the camera is in is shown.
+    const here = drawnMap.markers.filter((m) => m.piece === piece);
+    WaymarkScene.setMap({side: drawnMap.side, markers: here});
+    WaymarkPanels.showMap(newestMap);
+    newestMap = null;
+    mapDrawn_ms = performance.now();
+  }
+
+  function show() {
+    if (wanted) return;
+    wanted = true;
+    requestAnimationFrame(() => {
+      wanted = false;
+      WaymarkPanels.showStatus(connected, state.link, state.pose);
+      WaymarkPanels.showPose(state.pose);
+      WaymarkPanels.showImage(state.detections, state.pose);
+      WaymarkScene.setPose(state.pose);
+    });
+  }
+
+  function connect() {
+    const scheme = location.protocol === "https:" ? "wss" : "ws";
+    const query = token ? `?token=${encodeURIComponent(token)}` : "";
+    socket = new WebSocket(`${scheme}://${location.host}/ws${query}`);
+    socket.onopen = () => {
+      connected = true;
+      pause_ms = 500;
+      show();
+    };
+    socket.onmessage = (event) => {
+      const message = JSON.parse(event.data);
+      if (takers[message.type]) takers[message.type](message);
+      show();
+    };
+    socket.onclose = () => {
+      connected = false;
+      lastSequence = null;
+      show();
+      setTimeout(connect, pause_ms);
+      pause_ms = Math.min(2 * pause_ms, 5000);
+    };
+  }
+
+  for (const button of document.querySelectorAll("#buttons button")) {
+    button.addEventListener("click", () => {
+      if (button.dataset.ask && !window.confirm(button.dataset.ask)) return;
+      document.getElementById("answer").textContent = "\u2026";
+      if (connected) socket.send(JSON.stringify({command: button.dataset.command}));
+    });
+  }
+
+  WaymarkScene.start();
+  WaymarkPanels.start();
+  show();
+  connect();
+})();
