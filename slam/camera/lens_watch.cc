@@ -14,14 +14,14 @@ void LensWatch::forget() {
   seen_ = Map();
   estimate_.reset();
   next_frames_ = options_.watch.first_frames;
+  settled_ = false;
 }
 
 void LensWatch::look(const FrameTime& time, const Transform& T_w_c, const Twist& twist,
                      std::span<const KnownMarker> known) {
   if (!options_.learn || known.size() < 2) return;
   noteFit(time, T_w_c, known);
-  const bool wanted = !map_grows_ || doubted_since_ns_ > 0;
-  if (!wanted || !isAnotherView(time, T_w_c, known)) return;
+  if (!asks() || !isAnotherView(time, T_w_c, known)) return;
   Keyframe frame;
   frame.sequence = time.sequence;
   frame.monotonic_ns = time.monotonic_ns;
@@ -76,7 +76,8 @@ bool LensWatch::isAnotherView(const FrameTime& time, const Transform& T_w_c,
 
 void LensWatch::work(double cost, const RollingShutterEstimator& shutter,
                      const BundleOptions& optimization) {
-  if (!estimate_ && static_cast<int>(seen_.keyframes().size()) >= next_frames_) {
+  if (!estimate_ && asks() && static_cast<int>(seen_.keyframes().size()) >= next_frames_) {
+    settled_ = next_frames_ >= options_.watch.max_frames;
     next_frames_ = std::min(2 * next_frames_, options_.watch.max_frames);
     LensProblem problem{.in_use = *camera_,
                         .expected = *camera_,

@@ -47,6 +47,8 @@ class LensWatch {
   void forget();
 
  private:
+  // Views are collected, and the lens is estimated from them.
+  [[nodiscard]] bool asks() const { return doubted_since_ns_ > 0 || !(map_grows_ || settled_); }
   void noteFit(const FrameTime& time, const Transform& T_w_c, std::span<const KnownMarker> known);
   [[nodiscard]] bool isAnotherView(const FrameTime& time, const Transform& T_w_c,
                                    std::span<const KnownMarker> known) const;
@@ -64,6 +66,7 @@ class LensWatch {
   std::int64_t doubted_since_ns_ = 0;  // 0: nobody doubts the lens
   Map seen_;                           // frames as keyframes, and the markers, held
   int next_frames_;                    // it is estimated when there are so many
+  bool settled_ = false;               // from as many as there may be; until the lens is in doubt
   std::optional<SlicedTask<std::optional<LensEstimate>>> estimate_;
 };
 
