@@ -68,7 +68,8 @@ struct Options {
   // are made up.
   std::filesystem::path pictures;
 
-  // A fisheye (equidistant) of this field of view across the image's width; empty: the scene's lens.
+  // A fisheye (equidistant) of this field of view across the image's width; empty: the scene's
+  // lens.
   std::optional<double> fisheye_deg;
   std::optional<Refocus> refocus;
 

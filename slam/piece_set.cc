@@ -347,9 +347,8 @@ void PieceSet::spreadLens(int from) {
     if (id != from) piece->undistortAgain();
   }
   for (JointTrial& trial : trials_) {
-    trial.forEachMap([&](Map* map) {
-      undistortAgain(*camera_, active().readout_s(), map, lens_->since_ns);
-    });
+    trial.forEachMap(
+        [&](Map* map) { undistortAgain(*camera_, active().readout_s(), map, lens_->since_ns); });
   }
   search_.reset();
   next_.reset();

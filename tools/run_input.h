@@ -67,8 +67,8 @@ struct OpenedInput {
 };
 
 // A source that ends in .csv holds recorded detections; anything else is opened as frames, whose
-// size must be the calibration's, or fit it as the options say. Without a calibration the camera is a
-// guess (slam::guessedCamera); recorded detections do not say the size of their images: it is the
+// size must be the calibration's, or fit it as the options say. Without a calibration the camera is
+// a guess (slam::guessedCamera); recorded detections do not say the size of their images: it is the
 // smallest usual one that has room for all of them.
 [[nodiscard]] Result<OpenedInput> openRunInput(const RunInputOptions& options,
                                                const std::optional<slam::Calibration>& calibration);

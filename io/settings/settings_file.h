@@ -93,7 +93,8 @@ template <typename Value>
 
 // Gives every key of the text to its setting. Syntax errors, unknown keys, wrong types, impossible
 // values, missing and renamed keys are errors: "FILE:LINE:COLUMN: KEY: reason". What is in one of
-// the top-level sections `others` is somebody else's and passed over, but for keys among `settings`.
+// the top-level sections `others` is somebody else's and passed over, but for keys among
+// `settings`.
 [[nodiscard]] Status readSettings(const std::string& text, const std::filesystem::path& file,
                                   std::span<const Setting> settings,
                                   std::span<const std::string_view> others = {});
