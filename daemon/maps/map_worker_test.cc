@@ -168,6 +168,10 @@ TEST_F(MapWorkerTest, LoadsAnotherMap) {
   settings_.map.in = other;
   start({});
   EXPECT_TRUE(load(other).starts_with(other.string() + ": going on with 8 markers, "));
+  // The SLAM loop says so right after it has answered.
+  for (int i = 0; i < 500 && output_.map_markers != 8; ++i) {
+    std::this_thread::sleep_for(std::chrono::milliseconds(10));
+  }
   EXPECT_EQ(output_.map_markers, 8);
   (void)reset();
   EXPECT_TRUE(load("").starts_with(other.string() + ": going on with")) << "that of the start";
