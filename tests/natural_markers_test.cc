@@ -91,13 +91,15 @@ TEST_F(NaturalMarkersTest, SurveyedPostersAloneGiveThePose) {
     EXPECT_EQ(frame.state, TrackingState::kBridging);
     EXPECT_EQ(frame.pose->source, PoseSource::kNaturalFeatures);
     const double error_m = (frame.pose->T_w_c.p - frame.truth.p).norm();
-    // Two answers make the scale: what was followed until the first one is of none.
-    EXPECT_LT(error_m, i < 10 ? 0.15 : 0.015) << i;
+    // Two answers make the scale: what was followed until the first one is of none. The first three
+    // views are square on, and leave open which of the plane's two poses it is: they are not
+    // believed.
+    EXPECT_LT(error_m, i < 13 ? 0.15 : 0.015) << i;
     EXPECT_LT(nees(frame), 22.5) << i;
     nees_sum += nees(frame);
     ++posed;
   }
-  EXPECT_GE(posed, 112);
+  EXPECT_GE(posed, 109);
   EXPECT_LT(nees_sum / posed, 6.0);  // far less: the survey is exact here, and not said to be
   EXPECT_GE(slam_->counters().picture_poses, 5U);
   EXPECT_EQ(slam_->counters().refused_pictures, 0U);

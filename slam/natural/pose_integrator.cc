@@ -241,7 +241,12 @@ LateOutcome PoseIntegrator::late(const LatePose& pose, std::span<const Eigen::Ve
                                                   static_cast<Eigen::Index>(points_w.size()));
   const double distance_m = (points.rowwise().mean() - fix.T_w_c.p).norm();
   const auto now = carriedFrom(fix);
-  if (!now || now->doubt_m > options_.integrator.max_start_error * distance_m) {
+  // Where one more view may soon tell the scale, the features there are are not given up for new
+  // ones, unless the camera hardly moves.
+  constexpr double kPatience = 0.25;
+  const bool anew = now && now->scale.sigma >= options_.integrator.max_rescale_sigma;
+  const double patience = anew && first_fix_ ? kPatience : 1.0;
+  if (!now || now->doubt_m > patience * options_.integrator.max_start_error * distance_m) {
     note(fix);
     return LateOutcome::kNoted;
   }
