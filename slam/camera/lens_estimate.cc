@@ -122,6 +122,12 @@ Task<std::optional<LensEstimate>> estimateLens(const Map& map, const MarkerOptio
       }
     }
   }
+  // A rolling shutter that nobody has learned yet is no lens that is wrong: that comes first.
+  constexpr double kOtherReadout_s = 0.005;
+  if (!lens.any_model && adjuster.problem().shutter &&
+      std::abs(adjuster.problem().shutter->readout_s - lens.readout_s) > kOtherReadout_s) {
+    co_return std::nullopt;
+  }
   const auto covariance = co_await adjuster.globalsCovariance(budget);
   if (summary.failed || !covariance) co_return std::nullopt;
   std::optional<LensEstimate> estimate({.camera = adjuster.problem().lens->camera,

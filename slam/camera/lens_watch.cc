@@ -76,6 +76,8 @@ bool LensWatch::isAnotherView(const FrameTime& time, const Transform& T_w_c,
 
 void LensWatch::work(double cost, const RollingShutterEstimator& shutter,
                      const BundleOptions& optimization) {
+  // A rolling shutter that is only just being learned looks like a lens that has changed.
+  if (map_grows_ && !shutter.isGiven() && shutter.seconds() != 0.0) return;
   if (!estimate_ && asks() && static_cast<int>(seen_.keyframes().size()) >= next_frames_) {
     settled_ = next_frames_ >= options_.watch.max_frames;
     next_frames_ = std::min(2 * next_frames_, options_.watch.max_frames);
@@ -95,8 +97,11 @@ void LensWatch::work(double cost, const RollingShutterEstimator& shutter,
 }
 
 bool LensWatch::believes(const LensEstimate& estimate) const {
+  // A bend in a growing map looks a little like another lens, too.
+  constexpr double kSurely = 0.6;
+  const double material = map_grows_ ? kSurely * options_.material_rms : options_.material_rms;
   return lensChange(estimate, *camera_) > options_.min_chi2 &&
-         estimate.rms_after_px < options_.material_rms * estimate.rms_before_px &&
+         estimate.rms_after_px < material * estimate.rms_before_px &&
          coversImage(estimate.camera) >= coversImage(*camera_);
 }
 
