@@ -37,22 +37,27 @@ void holdMarkers(BundleProblem* problem) {
   for (BundleProblem::Pose& camera : problem->cameras) camera.fixed = false;
 }
 
-// Root mean square of the corners' distances from where they were seen, pixels.
+// Root mean square of the corners' distances from where they were seen, a shutter's skew taken off,
+// pixels.
 double rmsPx(const BundleProblem& problem) {
+  const double longer_s =
+      problem.shutter ? problem.shutter->readout_s - problem.shutter->corrected_with_s : 0.0;
   double sum = 0.0;
   std::size_t corners = 0;
-  for (const auto& observation : problem.observations) {
+  for (std::size_t o = 0; o < problem.observations.size(); ++o) {
+    const auto& observation = problem.observations[o];
+    const auto m = static_cast<std::size_t>(observation.marker);
     const Transform T_c_m =
         problem.cameras[static_cast<std::size_t>(observation.camera)].T.inverse() *
-        problem.markers[static_cast<std::size_t>(observation.marker)].T;
-    const auto points =
-        markerCorners(problem.marker_sizes_m[static_cast<std::size_t>(observation.marker)]);
+        problem.markers[m].T;
+    const auto points = markerCorners(problem.marker_sizes_m[m]);
     for (std::size_t k = 0; k < 4; ++k) {
       const Eigen::Vector3d p = T_c_m * points[k];
-      const Eigen::Vector2d projected = problem.lens->camera.distort(p.head<2>() / p.z());
-      const Eigen::Vector2d seen =
-          problem.lens->seen_with.distort(observation.detection->normalized[k]);
-      sum += (projected - seen).squaredNorm();
+      Eigen::Vector2d seen = observation.detection->normalized[k];
+      if (problem.shutter) seen -= longer_s * problem.shutter->motion[o][k];
+      sum += (problem.lens->camera.distort(p.head<2>() / p.z()) -
+              problem.lens->seen_with.distort(seen))
+                 .squaredNorm();
       ++corners;
     }
   }
@@ -99,7 +104,17 @@ Task<std::optional<LensEstimate>> estimateLens(const Map& map, const MarkerOptio
   if (lens.markers_held) holdMarkers(&part.problem);
   if (!lens.readout_known) freeReadout(map, lens.readout_s, lens.in_use, &part);
   freeLens(lens, &part.problem);
-  const double before_px = rmsPx(part.problem);
+  // What another readout time explains as well is not the lens': so the one in use is tried with
+  // that, too, where nobody knows it.
+  double before_px = rmsPx(part.problem);
+  if (!lens.readout_known) {
+    BundleProblem in_use = part.problem;
+    in_use.lens->expected = lens.in_use.intrinsics();
+    in_use.lens->sigma.setZero();
+    BundleAdjuster held(std::move(in_use), ungated(options));
+    const BundleSummary of_held = co_await held.run(budget);
+    if (!of_held.failed) before_px = rmsPx(held.problem());
+  }
   BundleAdjuster roughly(std::move(part.problem), ungated(options));
   const BundleSummary rough = co_await roughly.run(budget);
   if (rough.failed) co_return std::nullopt;
@@ -121,12 +136,6 @@ Task<std::optional<LensEstimate>> estimateLens(const Map& map, const MarkerOptio
         summary = of_other;
       }
     }
-  }
-  // A rolling shutter that nobody has learned yet is no lens that is wrong: that comes first.
-  constexpr double kOtherReadout_s = 0.005;
-  if (!lens.any_model && adjuster.problem().shutter &&
-      std::abs(adjuster.problem().shutter->readout_s - lens.readout_s) > kOtherReadout_s) {
-    co_return std::nullopt;
   }
   const auto covariance = co_await adjuster.globalsCovariance(budget);
   if (summary.failed || !covariance) co_return std::nullopt;

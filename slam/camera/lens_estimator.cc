@@ -93,11 +93,9 @@ bool LensEstimator::believes(const LensEstimate& estimate, const Map& map) const
     return false;
   }
   const bool was_learned = knowledge_->state != LensState::kGiven;
-  // By then a rolling shutter has been learned, which looks like a wrong lens until it is.
-  constexpr std::size_t kShutterKnown = 14;
-  if (!was_learned && map.keyframes().size() < kShutterKnown) {
-    return false;
-  }
+  // Of fewer views a blur or a rolling shutter, which is learned from as many, says as much.
+  constexpr std::size_t kViewsAgainstGiven = 8;
+  if (!was_learned && map.keyframes().size() < kViewsAgainstGiven) return false;
   const double least = was_learned ? options_.min_change_chi2 : options_.min_chi2;
   if (!(lensChange(estimate, *camera_) > least)) return false;
   const bool material = estimate.rms_after_px < options_.material_rms * estimate.rms_before_px;
