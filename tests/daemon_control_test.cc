@@ -99,8 +99,10 @@ TEST_F(DaemonControlTest, ADaemonStartedByHandIsFound) {
   EXPECT_EQ(asked().exit_code, 0) << "the first one goes on";
 }
 
+// Without pieces: a camera that is among markers which the loaded map does not have yet would begin
+// one, and come into the map by a joint.
 TEST_F(DaemonControlTest, TheMapIsSavedLoadedAndReset) {
-  start(configuration());
+  start(configuration() + "[slam.pieces]\nbegin = false\n");
   EXPECT_TRUE(printed({"save-map"}).starts_with(map_.string() + ": saved "));
   const auto saved = io::readMap(map_);
   ASSERT_TRUE(saved) << saved.error().message;
@@ -115,7 +117,7 @@ TEST_F(DaemonControlTest, TheMapIsSavedLoadedAndReset) {
   EXPECT_TRUE(eventually([&] { return status()["status"] == "tracking"; })) << "in the new map";
 
   EXPECT_TRUE(printed({"load-map"}).starts_with(map_.string() + ": going on with "));
-  EXPECT_TRUE(eventually([&] { return counter("slam.relocalizations") > 0; }));
+  EXPECT_TRUE(eventually([&] { return counter("slam.relocalizations") > 0; })) << status();
   const fs::path copy = directory_ / "copy.json";
   fs::copy(map_, copy);
   EXPECT_TRUE(printed({"load-map", copy.string()}).starts_with(copy.string() + ": going on with"));
