@@ -7,6 +7,7 @@
 #include <utility>
 
 #include "base/clock.h"
+#include "base/freed_memory.h"
 #include "capture/open_source.h"
 #include "daemon/system/realtime.h"
 #include "slam/slam.h"
@@ -147,6 +148,7 @@ void Daemon::reportRejected(const Error& error) {
 void Daemon::startThreads() {
   const Configuration::RealTime& realtime = parts_.configuration.realtime;
   if (realtime.lock_memory) {
+    keepFreedMemory();
     if (const Status locked = lockMemory(); !locked) reportRejected(locked.error());
   }
   publisher_thread_ = start("wm-publisher", realtime.publisher, [this] {

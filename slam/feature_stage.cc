@@ -72,7 +72,7 @@ void FeatureStage::late(const LateResult& seen, const MapMarker& picture,
     if (elsewhere) fix.covariance += T * picture.covariance * T.transpose();
     return fix;
   };
-  LatePose pose{.fix = fixOf(seen.T_m_c, seen.covariance), .decided = seen.decided};
+  LatePose pose{.fix = fixOf(seen.T_m_c, seen.covariance), .other = {}, .decided = seen.decided};
   if (seen.other) pose.other = fixOf(seen.other->T_m_c, seen.other->covariance);
   points_w_.clear();
   for (const Eigen::Vector2d& p : points_m) {

@@ -96,7 +96,10 @@ void PictureStage::beginMap(const AwaitedFrame& frame, const LateResult& seen,
   const Matrix6d covariance = covarianceOfInverse(seen.T_m_c, seen.covariance);
   const Transform T_c_m = seen.T_m_c.inverse();
   place(print, T_c_m, covariance);
-  Keyframe first{.sequence = frame.time.sequence, .monotonic_ns = frame.time.monotonic_ns};
+  Keyframe first{.sequence = frame.time.sequence,
+                 .monotonic_ns = frame.time.monotonic_ns,
+                 .T_w_c = {},
+                 .detections = {}};
   first.links = {{seen.landmark, T_c_m, covariance}};
   with_.map->addKeyframe(std::move(first));
   ++with_.counters->keyframes_added;
@@ -105,7 +108,7 @@ void PictureStage::beginMap(const AwaitedFrame& frame, const LateResult& seen,
 void PictureStage::await(const FrameInput& frame, const FrameResult& result,
                          std::span<const MarkerDetection> fitting, StageObserver* observer) {
   if (!frame.awaited || !any()) return;
-  AwaitedFrame awaited{.time = frame.time};
+  AwaitedFrame awaited{.time = frame.time, .T_w_c = {}, .detections = {}};
   const bool carried = result.pose && result.pose->source == PoseSource::kNaturalFeatures;
   if (result.pose && (carried || result.pose->source == PoseSource::kMarkers)) {
     awaited.T_w_c = result.pose->T_w_c;

@@ -66,6 +66,7 @@ class Piece::Impl {
     if (pictures_.hear(turn == Turn::kOwn ? frame.late : std::span<const LateResult>(), observer)) {
       result.map_changed = true;
     }
+    const std::uint64_t epoch = map_.epoch();
     if (updater_.hasFinishedWork()) {
       const StageScope scope(observer, Stage::kMap);
       if (collectWork(&result).lens_changed) detections = undistorted(detections);
@@ -91,10 +92,11 @@ class Piece::Impl {
         const StageScope scope(observer, Stage::kMap);
         if (tracked) arrive(*tracked, &result);
         if (tracked) grow(*tracked, &result);
-        // Also after a new keyframe: in fast motion every frame is one.
-        updater_.work(work, map_);
+        // Also after a new keyframe: in fast motion every frame is one. Moving all of a large map
+        // was this frame's work.
+        if (map_.epoch() == epoch) updater_.work(work, map_);
       }
-      followMap(observer, &result);
+      followMap(map_.epoch() == epoch, observer, &result);
       if (tracked && turn == Turn::kOwn) watchLens(*tracked, observer);
     }
     if (result.pose) result.pose->piece = map_.piece;
@@ -252,7 +254,9 @@ class Piece::Impl {
   void watchLens(const TrackedFrame& frame, StageObserver* observer) {
     const StageScope scope(observer, Stage::kMap);
     lens_watch_.look(frame.time, frame.solution.T_w_c, frame.twist, frame.eligible);
-    lens_watch_.work(options_.work_per_frame, rolling_shutter_, options_.loops.optimization);
+    const double share = updater_.loopsIdle() ? 1.0 : options_.lens.watch.share_beside_loops;
+    lens_watch_.work(share * options_.work_per_frame, rolling_shutter_,
+                     options_.loops.optimization);
   }
 
   // What is not known of a lens that was learned.
@@ -365,10 +369,10 @@ class Piece::Impl {
   }
 
   // The map's uncertainty follows its changes, in slices.
-  void followMap(StageObserver* observer, FrameResult* result) {
+  void followMap(bool has_time, StageObserver* observer, FrameResult* result) {
     const StageScope scope(observer, Stage::kMap);
     if (result->map_changed || result->keyframe_added) covariance_.noteChange();
-    if (covariance_.work(updater_.residualSigma(), &map_)) result->map_changed = true;
+    if (has_time && covariance_.work(updater_.residualSigma(), &map_)) result->map_changed = true;
   }
 
   // Sections 4.2 and 4.4 to 4.9.

@@ -36,6 +36,7 @@ class Slam::Impl {
       return {.state = TrackingState::kInitializing,
               .pose = {},
               .reason = detections.empty() ? NoPoseReason::kNoMarker : NoPoseReason::kLensUnknown,
+              .piece_events = {},
               .detections = detections};
     }
     const FrameResult result = pieces_->process(frame, throughLensInUse(detections), observer);

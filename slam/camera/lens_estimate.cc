@@ -139,9 +139,10 @@ Task<std::optional<LensEstimate>> estimateLens(const Map& map, const MarkerOptio
   }
   const auto covariance = co_await adjuster.globalsCovariance(budget);
   if (summary.failed || !covariance) co_return std::nullopt;
+  MapCorrection correction = co_await correctionOf(part, adjuster, budget);
   std::optional<LensEstimate> estimate({.camera = adjuster.problem().lens->camera,
                                         .covariance = covariance->topLeftCorner<9, 9>(),
-                                        .correction = correctionOf(part, adjuster),
+                                        .correction = std::move(correction),
                                         .of_whole_map = whole,
                                         .rms_before_px = before_px,
                                         .rms_after_px = rmsPx(adjuster.problem())});

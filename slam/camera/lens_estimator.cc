@@ -68,10 +68,7 @@ std::optional<Transform> LensEstimator::collect(const RollingShutterEstimator& s
   if (!isDone()) return std::nullopt;
   const MapCorrection correction = whole_->take();
   whole_.reset();
-  if (correction.keyframes.empty()) return std::nullopt;
-  auto T_new_old = applyAround(correction.keyframes.back().id, correction, map);
-  if (T_new_old) map->beginEpoch();
-  return T_new_old;
+  return applyWhole(correction, map);
 }
 
 bool LensEstimator::estimateNow(const RollingShutterEstimator& shutter,

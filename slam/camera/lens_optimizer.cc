@@ -30,7 +30,8 @@ BundleSummary optimizeGloballyWithIntrinsics(Map* map, const MarkerOptions& mark
                        expected.aspect_sigma};
   BundleAdjuster adjuster(std::move(part.problem), options);
   const BundleSummary summary = runToCompletion([&](Budget* a) { return adjuster.run(a); });
-  const MapCorrection correction = correctionOf(part, adjuster);
+  const MapCorrection correction =
+      runToCompletion([&](Budget* a) { return correctionOf(part, adjuster, a); });
   (void)apply(correction, map);
   removeOutliers(correction, map);
   if (summary.failed) return summary;

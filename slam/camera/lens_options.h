@@ -26,6 +26,10 @@ struct LensWatchOptions {
   std::int64_t min_interval_ns = 60'000'000;
   double min_turn_rad = 0.02;
 
+  // While a loop is being closed, which may look like another lens, an estimate gets this share of
+  // Options::work_per_frame; else all of it. Larger makes those frames longer.
+  double share_beside_loops = 0.2;
+
   // Empty when usable, else what is wrong.
   [[nodiscard]] std::string invalidReason() const;
 };
@@ -49,7 +53,7 @@ struct LensOptions {
   // spend so much of a frame, in the units of Options::work_per_frame, and what is left of that
   // later.
   int urgent_keyframes = 40;
-  double urgent_cost = 2000.0;
+  double urgent_cost = 800.0;
   // An estimate is believed instead of the lens in use when it differs from it by this much:
   // chi-square of the intrinsics, by their covariance. 28 is the 99.9 % quantile of the nine; but
   // paper that is not flat and shutters that roll look like a little of a wrong lens. Smaller takes

@@ -58,10 +58,7 @@ std::optional<Transform> RollingShutterEstimator::collect(const CameraModel& cam
   if (!isDone()) return std::nullopt;
   const MapCorrection correction = whole_->take();
   whole_.reset();
-  if (correction.keyframes.empty()) return std::nullopt;
-  auto T_new_old = applyAround(correction.keyframes.back().id, correction, map);
-  if (T_new_old) map->beginEpoch();
-  return T_new_old;
+  return applyWhole(correction, map);
 }
 
 // Whether the estimate is believed.

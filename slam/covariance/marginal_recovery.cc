@@ -2,8 +2,8 @@
 
 #include <algorithm>
 #include <limits>
-#include <memory>
 #include <optional>
+#include <span>
 #include <utility>
 #include <vector>
 
@@ -20,6 +20,8 @@ namespace {
 // What steps cost, in microseconds of a core of 3 GHz.
 constexpr double kFindMarker = 0.1;
 constexpr double kNotePair = 0.01;
+constexpr double kSortPair = 0.006;
+constexpr double kSetMarker = 0.4;
 constexpr double kLookAtKept = 0.03;  // a marker of it
 constexpr double kLinearizeView = 0.6;
 constexpr double kBlockProduct = 0.06;
@@ -31,12 +33,14 @@ constexpr double kTakeBlock = 0.15;
 constexpr double kUnknown_m = 100.0;
 constexpr double kUnknown_rad = 10.0;
 
-// The keyframe and the unknown markers it sees: what the elimination's pattern was made for.
+// The keyframe and the unknown markers it sees: what the elimination's pattern was made for. (There
+// are thousands, and no frame has the time to let go of memory of each: they own none.)
 struct PatternKeyframe {
   KeyframeId id = -1;
-  std::vector<int> seen;                         // poses of the system, ascending
-  const KeyframeInformation* kept = nullptr;     // from an earlier recovery,
-  std::unique_ptr<KeyframeInformation> begun{};  // or to be linearized
+  bool held = false;
+  std::size_t first_seen = 0;  // in Pattern::seen
+  std::size_t seen_count = 0;
+  const KeyframeInformation* kept = nullptr;  // from an earlier recovery, or to be linearized
 };
 
 struct Pattern {
@@ -46,6 +50,11 @@ struct Pattern {
   std::optional<int> origin;              // the marker that is fixed, where it has a pose
   LinearizedMarker of_origin;
   std::vector<PatternKeyframe> keyframes;
+  std::vector<int> seen;  // poses of the system, ascending within a keyframe
+
+  [[nodiscard]] std::span<const int> seenBy(const PatternKeyframe& keyframe) const {
+    return std::span(seen).subspan(keyframe.first_seen, keyframe.seen_count);
+  }
 
   // -1 for a marker that is no unknown.
   [[nodiscard]] int poseOf(int id) const {
@@ -83,23 +92,41 @@ Task<Pattern> startPattern(const Map& map, const MarkerOptions& markers,
   co_return pattern;
 }
 
-// What is kept of it, or a start.
+// What is kept of it, if anything; what it sees goes to the pattern.
 PatternKeyframe lookAt(const Keyframe& keyframe, bool held, double residual_sigma,
-                       const Pattern& pattern, const KeptInformation& kept) {
-  PatternKeyframe result;
-  result.id = keyframe.id;
-  const MarkerLookup lookup = [&](int id) { return pattern.find(id); };
-  result.kept = kept.find(keyframe.id);
+                       const KeptInformation& kept, Pattern* pattern) {
+  PatternKeyframe result{keyframe.id, held, pattern->seen.size(), 0, kept.find(keyframe.id)};
+  const MarkerLookup lookup = [&](int id) { return pattern->find(id); };
   if (result.kept != nullptr && !isAsBefore(*result.kept, keyframe, held, residual_sigma, lookup)) {
     result.kept = nullptr;
   }
-  if (result.kept == nullptr) {
-    result.begun = std::make_unique<KeyframeInformation>(
-        beginInformation(keyframe, held, residual_sigma, lookup));
+  const auto note = [&](const std::vector<int>& unknown) {
+    for (const int id : unknown) pattern->seen.push_back(pattern->poseOf(id));
+    result.seen_count = unknown.size();
+  };
+  if (result.kept != nullptr) {
+    note(result.kept->unknown);
+  } else {
+    note(beginInformation(keyframe, held, residual_sigma, lookup).unknown);
   }
-  const KeyframeInformation& named = result.kept != nullptr ? *result.kept : *result.begun;
-  for (const int id : named.unknown) result.seen.push_back(pattern.poseOf(id));
   return result;
+}
+
+// Of a keyframe that nothing is kept of. Empty where it sees other markers by now than the pattern
+// was made for.
+std::optional<KeyframeInformation> informationOf(const Map& map, const PatternKeyframe& known,
+                                                 double residual_sigma, const Pattern& pattern) {
+  const auto found = map.keyframes().find(known.id);
+  if (found == map.keyframes().end()) return std::nullopt;  // has been let go meanwhile
+  const MarkerLookup lookup = [&](int id) { return pattern.find(id); };
+  KeyframeInformation information =
+      beginInformation(found->second, known.held, residual_sigma, lookup);
+  const auto poseOf = [&](int id) { return pattern.poseOf(id); };
+  if (!std::ranges::equal(information.unknown, pattern.seenBy(known), {}, poseOf)) {
+    return std::nullopt;
+  }
+  linearize(map, found->second, lookup, &information);
+  return information;
 }
 
 // What is known of a marker's place but from the keyframes. moved: from the point about which the
@@ -120,7 +147,7 @@ void addPriors(int id, const Transform& point, const Vector6d& moved, const Mark
 }
 
 // seen: the poses of the system that the information is of, in its order.
-void addKeyframe(const KeyframeInformation& information, const std::vector<int>& seen,
+void addKeyframe(const KeyframeInformation& information, std::span<const int> seen,
                  BlockSystem* system) {
   auto block = information.blocks.begin();
   for (std::size_t j = 0; j < seen.size(); ++j) {
@@ -154,41 +181,45 @@ Task<MapMarginals> recoverMarginals(const Map& map, const MarkerOptions& markers
     kept->forgetBetween(next, id);
     next = id + 1;
     const bool held = first_is_world && it == map.keyframes().begin();
-    PatternKeyframe keyframe = lookAt(it->second, held, residual_sigma, pattern, *kept);
-    for (std::size_t i = 0; i < keyframe.seen.size(); ++i) {
-      auto& before = neighbours[static_cast<std::size_t>(keyframe.seen[i])];
-      before.insert(before.end(), keyframe.seen.begin(),
-                    keyframe.seen.begin() + static_cast<std::ptrdiff_t>(i));
+    const PatternKeyframe keyframe = lookAt(it->second, held, residual_sigma, *kept, &pattern);
+    const std::span<const int> seen = pattern.seenBy(keyframe);
+    for (std::size_t i = 0; i < seen.size(); ++i) {
+      auto& before = neighbours[static_cast<std::size_t>(seen[i])];
+      before.insert(before.end(), seen.begin(), seen.begin() + static_cast<std::ptrdiff_t>(i));
     }
-    const auto n = static_cast<double>(keyframe.seen.size());
+    const auto n = static_cast<double>(seen.size());
     const double look = keyframe.kept != nullptr ? kLookAtKept : kFindMarker;
-    if (!keyframe.seen.empty()) pattern.keyframes.push_back(std::move(keyframe));
+    if (!seen.empty()) pattern.keyframes.push_back(keyframe);
     co_await budget->spend(n * (look + kNotePair * n));
     it = map.keyframes().upper_bound(id);
   }
   kept->forgetBetween(next, std::numeric_limits<KeyframeId>::max());
-  for (auto& of_one : neighbours) sortUnique(&of_one);
-  const std::vector<std::vector<int>> pairs = neighbours;  // by pose: those before it
+  std::vector<std::vector<int>> pairs;  // by pose: those before it
+  pairs.reserve(neighbours.size());
+  for (auto& of_one : neighbours) {
+    co_await budget->spend(kFindMarker + kSortPair * static_cast<double>(of_one.size()));
+    sortUnique(&of_one);
+    pairs.push_back(of_one);
+  }
 
   BlockSystem system;
   (void)co_await system.arrange(std::move(neighbours), /*with_globals=*/false, budget);
-  const MarkerLookup lookup = [&](int id) { return pattern.find(id); };
   for (PatternKeyframe& known : pattern.keyframes) {
-    const auto n = static_cast<double>(known.seen.size());
+    const auto n = static_cast<double>(known.seen_count);
     co_await budget->spend(0.5 * kAddBlock * n * (n + 1.0));
+    std::optional<KeyframeInformation> anew;
     if (known.kept == nullptr) {
-      co_await budget->spend(kLinearizeView * n + kBlockProduct * n * (n + 1.0));
-      const auto found = map.keyframes().find(known.id);
-      if (found == map.keyframes().end()) continue;  // has been let go meanwhile
-      linearize(map, found->second, lookup, known.begun.get());
-      known.kept = kept->keep(known.id, known.begun.get());
+      co_await budget->spend((kFindMarker + kLinearizeView) * n + kBlockProduct * n * (n + 1.0));
+      anew = informationOf(map, known, residual_sigma, pattern);
+      if (!anew) continue;
+      known.kept = kept->keep(known.id, &*anew);
     }
-    addKeyframe(known.kept != nullptr ? *known.kept : *known.begun, known.seen, &system);
-    known.begun.reset();
+    addKeyframe(known.kept != nullptr ? *known.kept : *anew, pattern.seenBy(known), &system);
   }
   const double variance = residual_sigma * residual_sigma;
   std::vector<Vector6d> moved(pattern.unknown.size(), Vector6d::Zero());
   for (std::size_t i = 0; i < pattern.unknown.size(); ++i) {
+    co_await budget->spend(kSetMarker);
     const int id = pattern.unknown[i];
     const MapMarker* const marker = map.findPosed(id);
     const Transform& point = pattern.markers[i].point.T_w_m;
@@ -207,6 +238,7 @@ Task<MapMarginals> recoverMarginals(const Map& map, const MarkerOptions& markers
   if (!co_await system.solve(budget)) co_return MapMarginals{};
   (void)co_await system.invert(budget);
   for (std::size_t a = 0; a < pattern.unknown.size(); ++a) {
+    co_await budget->spend(kSetMarker);
     const int row = system.positionOf(static_cast<int>(a));
     Vector6d& step = system.right(row);
     step -= moved[a];  // from where the marker is, no longer from its point

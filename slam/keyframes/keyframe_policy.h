@@ -50,9 +50,4 @@ enum class KeyframeReason { kNone, kNewMarker, kMarkerResolved, kBaseline };
                                             const Transform& T_w_c, double depth_m, bool resolved,
                                             const KeyframeOptions& options);
 
-// Section 4.6, for the neighbourhood of a new keyframe: for each marker the N_c keyframes farthest
-// from each other; of its neighbours those that no marker chose are removed. The map's first
-// keyframe (the gauge), the new one and those with links stay. Returns how many went.
-int cullKeyframes(Map* map, KeyframeId newest, const KeyframeOptions& options);
-
 }  // namespace waymark::slam

@@ -90,27 +90,5 @@ TEST(KeyframePolicy, ReferenceIsTheNearestThatSeesAMarkerOfTheFrame) {
   EXPECT_EQ(referenceKeyframe(map, {}, here, 1.0, {}), std::nullopt);
 }
 
-TEST(KeyframePolicy, CullingKeepsTheMostDistantViewsAndTheFirst) {
-  Map map = lineOfKeyframes(21);
-  KeyframeOptions options;
-  options.views_per_marker = 5;
-  EXPECT_EQ(cullKeyframes(&map, 20, options), 16);
-  ASSERT_EQ(map.keyframes().size(), 5U);
-  EXPECT_EQ(map.keyframes().begin()->first, 0);
-  EXPECT_EQ(map.keyframes().rbegin()->first, 20);
-  EXPECT_EQ(map.keyframes().count(10), 1U);  // the middle one is the farthest from both ends
-  // Nothing to do the second time.
-  EXPECT_EQ(cullKeyframes(&map, 20, options), 0);
-}
-
-TEST(KeyframePolicy, CullingLeavesAMarkerItsOnlyViews) {
-  Map map = lineOfKeyframes(21, 7);
-  KeyframeOptions options;
-  options.views_per_marker = 3;
-  (void)cullKeyframes(&map, 20, options);
-  EXPECT_EQ(map.keyframes().count(7), 1U);
-  EXPECT_EQ(map.viewsOf(2).size(), 1U);
-}
-
 }  // namespace
 }  // namespace waymark::slam

@@ -11,18 +11,27 @@ namespace {
 // What becomes of poses, T_new_old: of the markers, and of the keyframes that came since. What is
 // not in it stays where it is, or is in the correction.
 struct Motions {
-  std::map<int, Transform> markers;
-  std::map<KeyframeId, Transform> keyframes;
+  std::vector<std::pair<int, Transform>> of_corrected;         // markers, ascending
+  std::map<int, Transform> of_others;                          // markers that came since
+  std::vector<std::pair<KeyframeId, Transform>> of_keyframes;  // ascending
+
+  [[nodiscard]] const Transform* find(int marker) const {
+    const auto corrected =
+        std::ranges::lower_bound(of_corrected, marker, {}, &std::pair<int, Transform>::first);
+    if (corrected != of_corrected.end() && corrected->first == marker) return &corrected->second;
+    const auto other = of_others.find(marker);
+    return other == of_others.end() ? nullptr : &other->second;
+  }
 };
 
 // Of the markers that hang where they did when the closing began.
 Motions motionsOf(const MapCorrection& correction, const Map& map) {
   Motions motions;
+  motions.of_corrected.reserve(correction.markers.size());
   for (const auto& corrected : correction.markers) {
     const MapMarker* const known = findUnmoved(map, corrected.marker);
     if (known == nullptr) continue;
-    motions.markers.emplace_hint(motions.markers.end(), known->id,
-                                 corrected.T_w_m * known->T_w_m->inverse());
+    motions.of_corrected.emplace_back(known->id, corrected.T_w_m * known->T_w_m->inverse());
   }
   return motions;
 }
@@ -33,20 +42,23 @@ Motions motionsOf(const MapCorrection& correction, const Map& map) {
 void addWhatCameSince(KeyframeId newest, const Transform& T_of_others, const Map& map,
                       Motions* motions) {
   std::vector<Transform> ends;
+  std::vector<int> perhaps_new;
   for (auto it = map.keyframes().upper_bound(newest); it != map.keyframes().end(); ++it) {
     const auto& [id, keyframe] = *it;
     ends.clear();
+    perhaps_new.clear();
     for (const MarkerDetection& detection : keyframe.detections) {
-      const auto motion = motions->markers.find(detection.id);
-      if (motion != motions->markers.end()) ends.push_back(motion->second * keyframe.T_w_c);
+      if (const Transform* const motion = motions->find(detection.id)) {
+        ends.push_back(*motion * keyframe.T_w_c);
+      } else {
+        perhaps_new.push_back(detection.id);
+      }
     }
     const Transform T_new_old =
         ends.empty() ? T_of_others : meanTransform(ends) * keyframe.T_w_c.inverse();
-    motions->keyframes.emplace_hint(motions->keyframes.end(), id, T_new_old);
-    for (const MarkerDetection& detection : keyframe.detections) {
-      if (map.viewsOf(detection.id).front() > newest) {
-        motions->markers.try_emplace(detection.id, T_new_old);
-      }
+    motions->of_keyframes.emplace_back(id, T_new_old);
+    for (const int marker : perhaps_new) {
+      if (map.viewsOf(marker).front() > newest) motions->of_others.emplace(marker, T_new_old);
     }
   }
 }
@@ -54,10 +66,10 @@ void addWhatCameSince(KeyframeId newest, const Transform& T_of_others, const Map
 // Of a keyframe; empty for one that stays.
 std::optional<Transform> motionOf(KeyframeId id, const MapCorrection& correction,
                                   const Motions& motions, const Map& map) {
-  const auto since = motions.keyframes.find(id);
-  if (since != motions.keyframes.end()) return since->second;
-  const auto corrected =
-      std::ranges::lower_bound(correction.keyframes, id, {}, &MapCorrection::KeyframePose::id);
+  const auto since = std::ranges::lower_bound(motions.of_keyframes, id, {},
+                                              &std::pair<KeyframeId, Transform>::first);
+  if (since != motions.of_keyframes.end() && since->first == id) return since->second;
+  const auto corrected = std::ranges::lower_bound(correction.keyframes, id, {}, &KeyframePose::id);
   if (corrected == correction.keyframes.end() || corrected->id != id) return std::nullopt;
   return corrected->T_w_c * map.keyframes().at(id).T_w_c.inverse();
 }
@@ -65,23 +77,26 @@ std::optional<Transform> motionOf(KeyframeId id, const MapCorrection& correction
 // Markers that were given a pose since, by keyframes that were there.
 void addPosedSince(const MapCorrection& correction, const Map& map, Motions* motions) {
   for (const auto& [id, marker] : map.markers()) {
-    if (!marker.T_w_m || motions->markers.contains(id) || map.viewsOf(id).empty()) continue;
+    if (!marker.T_w_m || motions->find(id) != nullptr || map.viewsOf(id).empty()) continue;
     const auto motion = motionOf(map.viewsOf(id).front(), correction, *motions, map);
-    if (motion) motions->markers.emplace(id, *motion);
+    if (motion) motions->of_others.emplace(id, *motion);
   }
 }
 
+void moveMarker(int id, const Transform& T_new_old, Map* map) {
+  const MapMarker* const marker = map->findPosed(id);
+  if (marker == nullptr) return;
+  const auto other =
+      marker->other_T_w_m ? std::optional(T_new_old * *marker->other_T_w_m) : std::nullopt;
+  map->place(id, T_new_old * *marker->T_w_m, other, marker->covariance);
+}
+
 void move(const Motions& motions, Map* map) {
-  for (const auto& [id, T_new_old] : motions.keyframes) {
+  for (const auto& [id, T_new_old] : motions.of_keyframes) {
     map->setKeyframePose(id, T_new_old * map->keyframes().at(id).T_w_c);
   }
-  for (const auto& [id, T_new_old] : motions.markers) {
-    const MapMarker* const marker = map->findPosed(id);
-    if (marker == nullptr) continue;
-    const auto other =
-        marker->other_T_w_m ? std::optional(T_new_old * *marker->other_T_w_m) : std::nullopt;
-    map->place(id, T_new_old * *marker->T_w_m, other, marker->covariance);
-  }
+  for (const auto& [id, T_new_old] : motions.of_corrected) moveMarker(id, T_new_old, map);
+  for (const auto& [id, T_new_old] : motions.of_others) moveMarker(id, T_new_old, map);
 }
 
 // Puts the correction into the map. T_of_others: of what came since and sees nothing that moves.
@@ -94,7 +109,7 @@ Transform correct(const MapCorrection& correction, KeyframeId newest, const Tran
   move(motions, map);
   (void)apply(correction, map);  // exactly
   map->beginEpoch();
-  return motions.keyframes.empty() ? T_of_others : motions.keyframes.rbegin()->second;
+  return motions.of_keyframes.empty() ? T_of_others : motions.of_keyframes.back().second;
 }
 
 }  // namespace

@@ -19,6 +19,9 @@ namespace {
 constexpr double kViewPair = 0.02;
 constexpr double kConnection = 0.05;
 constexpr double kCorrectView = 1.0;
+constexpr double kNoteView = 0.01;
+constexpr double kCopyView = 0.01;
+constexpr double kMovePose = 0.05;
 
 std::size_t at(int index) { return static_cast<std::size_t>(index); }
 
@@ -41,6 +44,7 @@ std::vector<std::vector<int>> camerasByMarker(const BundleProblem& problem) {
 Task<std::vector<std::vector<Connection>>> connections(const BundleProblem& problem,
                                                        Budget* budget) {
   const std::vector<std::vector<int>> by_marker = camerasByMarker(problem);
+  co_await budget->spend(kNoteView * static_cast<double>(problem.observations.size()));
   std::vector<std::vector<Connection>> by_strength;
   std::vector<int> shared(problem.cameras.size(), 0);
   std::vector<int> partners;
@@ -160,7 +164,7 @@ Task<Before> prepare(const Map& map, SubproblemMembers members, const MarkerOpti
   const MapFit fit = co_await fitOf(before.part.problem, budget);
   before.residual_sigma = fit.residual_sigma;
   before.huber = fit.residual_sigma * options.optimization.huber;
-  before.cost = costOf(fit.squared, before.huber);
+  before.cost = co_await costOf(fit.squared, before.huber, budget);
   co_return before;
 }
 
@@ -188,15 +192,19 @@ Task<BundleProblem> correctedProblem(const Subproblem& part, PoseGraph graph, co
   graph.fixed = c;
   (void)co_await optimizePoseGraph(&graph, options.pose_graph, budget);
 
+  co_await budget->spend(kCopyView * static_cast<double>(part.problem.observations.size()));
   BundleProblem corrected = part.problem;
   for (std::size_t i = 0; i < corrected.cameras.size(); ++i) {
     corrected.cameras[i].T = graph.poses[i];
   }
-  (void)co_await correctMarkers(camerasByMarker(part.problem), part.problem.cameras, graph.poses,
-                                &corrected.markers, budget);
+  const std::vector<std::vector<int>> by_marker = camerasByMarker(part.problem);
+  co_await budget->spend(kNoteView * static_cast<double>(part.problem.observations.size()));
+  (void)co_await correctMarkers(by_marker, part.problem.cameras, graph.poses, &corrected.markers,
+                                budget);
   addClosingFrame(part, loop, graph.poses.back(), &corrected);
   // The graph held the closing camera.
   const Transform T_v_w = backToTheWorld(part.problem, corrected);
+  co_await budget->spend(kMovePose * static_cast<double>(corrected.cameras.size()));
   for (auto& camera : corrected.cameras) camera.T = T_v_w * camera.T;
   for (auto& marker : corrected.markers) marker.T = T_v_w * marker.T;
   for (std::size_t i = 0; i < part.problem.cameras.size(); ++i) {
@@ -223,15 +231,17 @@ Task<Candidate> tryCandidate(const Before& before, BundleProblem corrected,
   const MapFit fit = co_await fitOf(adjuster.problem(), budget);
 
   Candidate candidate;
-  candidate.correction = correctionOf(before.part, adjuster);
+  candidate.correction = co_await correctionOf(before.part, adjuster, budget);
   candidate.T_w_closing = adjuster.problem().cameras.back().T;
   const double unit = before.residual_sigma * before.residual_sigma;
   const std::span<const double> squared(fit.squared);
   const auto old_views = squared.first(4 * before.part.problem.observations.size());
   const auto closing = squared.subspan(old_views.size());
-  candidate.growth = (costOf(old_views, before.huber) - before.cost) / unit;
-  candidate.closing_error = costOf(closing, before.huber) / unit /
-                            static_cast<double>(std::max(closing.size(), std::size_t{1}));
+  const double old_cost = co_await costOf(old_views, before.huber, budget);
+  const double closing_cost = co_await costOf(closing, before.huber, budget);
+  candidate.growth = (old_cost - before.cost) / unit;
+  candidate.closing_error =
+      closing_cost / unit / static_cast<double>(std::max(closing.size(), std::size_t{1}));
   co_return candidate;
 }
 
@@ -325,7 +335,8 @@ Task<LoopOutcome> relaxRegion(const Map& map, LoopFrame loop, const MarkerOption
   for (const int marker : loop.loop_markers) {
     if (!map.viewsOf(marker).empty()) ends.push_back(map.viewsOf(marker).back());
   }
-  SubproblemMembers region = regionAround(map, ends, options.region_keyframes);
+  SubproblemMembers region =
+      co_await regionAround(map, std::move(ends), options.region_keyframes, budget);
   const Before before = co_await prepare(map, std::move(region), markers, options, budget);
   if (before.part.keyframes.empty()) co_return LoopRejection::kNoEvidence;
   BundleProblem problem = before.part.problem;
@@ -392,9 +403,18 @@ Eigen::Matrix3d meanRotation(std::span<const Eigen::Matrix3d> rotations) {
     const Eigen::Vector4d q = Eigen::Quaterniond(R).coeffs();
     sum += q * q.transpose();
   }
+  // Of rotations that are much alike it is near each of them: some powers of the sum lead there.
+  constexpr int kPowers = 20;
+  constexpr double kThere = 1e-15;
+  Eigen::Vector4d q = Eigen::Quaterniond(rotations.front()).coeffs();
+  for (int i = 0; i < kPowers; ++i) {
+    const Eigen::Vector4d next = (sum * q).normalized();
+    const bool there = (next - q).squaredNorm() <= kThere * kThere;
+    q = next;
+    if (there) return Eigen::Quaterniond(q).toRotationMatrix();
+  }
   const Eigen::SelfAdjointEigenSolver<Eigen::Matrix4d> solver(sum);
-  const Eigen::Vector4d q = solver.eigenvectors().col(3);
-  return Eigen::Quaterniond(q).normalized().toRotationMatrix();
+  return Eigen::Quaterniond(solver.eigenvectors().col(3)).normalized().toRotationMatrix();
 }
 
 Transform meanTransform(std::span<const Transform> transforms) {

@@ -61,8 +61,9 @@ bool LoopClosureManager::confirmMoved(const Map& map, const TrackedFrame& frame,
 void LoopClosureManager::relaxInIdleTime(const Map& map, bool idle) {
   idle_frames_ = idle && bent_ && !work_ ? idle_frames_ + 1 : 0;
   if (idle_frames_ < options_.frames_before_relaxing) return;
-  work_.emplace(Facts{.cause = Cause::kBentMap},
-                [&](Budget* budget) { return relaxMap(map, markers_, options_, budget); });
+  work_ = std::make_unique<Work>(Facts{.cause = Cause::kBentMap}, [&](Budget* budget) {
+    return relaxMap(map, markers_, options_, budget);
+  });
 }
 
 void LoopClosureManager::work(double cost) {
@@ -73,7 +74,7 @@ std::optional<Transform> LoopClosureManager::collect(Map* map) {
   if (!isDone()) return std::nullopt;
   const LoopOutcome outcome = work_->task.take();
   const Facts facts = work_->facts;
-  work_.reset();
+  spent_ = std::move(work_);
   if (const auto* rejection = std::get_if<LoopRejection>(&outcome)) {
     recordRejection(facts, *rejection);
     return std::nullopt;
@@ -103,7 +104,7 @@ bool LoopClosureManager::start(const Map& map, std::span<const KnownMarker> mark
   const int only_marker = markers.size() == 1 ? markers[0].detection->id : -1;
   const bool regional = region && isLarge(map) && !std::exchange(whole_map_next_, false);
   const Facts facts{cause, only_marker, ends_agree, regional, costToCloseInTime(map)};
-  work_.emplace(facts, [&](Budget* budget) {
+  work_ = std::make_unique<Work>(facts, [&](Budget* budget) {
     return regional ? relaxRegion(map, std::move(candidate), markers_, options_, budget)
                     : closeLoop(map, std::move(candidate), markers_, options_, budget);
   });
@@ -111,9 +112,8 @@ bool LoopClosureManager::start(const Map& map, std::span<const KnownMarker> mark
 }
 
 double LoopClosureManager::costToCloseInTime(const Map& map) const {
-  std::size_t views = 0;
-  for (const auto& [id, keyframe] : map.keyframes()) views += keyframe.detections.size();
-  return std::min(options_.cost_per_view * static_cast<double>(views) / options_.frames_to_close,
+  const auto views = static_cast<double>(map.viewCount());
+  return std::min(options_.cost_per_view * views / options_.frames_to_close,
                   options_.max_cost_per_frame);
 }
 

@@ -2,6 +2,7 @@
 // comes to, and what is made of frames that see both ends of a loop meanwhile.
 #pragma once
 
+#include <memory>
 #include <optional>
 #include <span>
 #include <vector>
@@ -68,8 +69,10 @@ class LoopClosureManager {
   std::optional<Transform> collect(Map* map);
   [[nodiscard]] bool isDone() const { return work_ && work_->task.done(); }
   [[nodiscard]] bool idle() const { return !work_; }
+  // Of what the last closure needed: a large map's equations take a millisecond or two.
+  void letGoOfSpent() { spent_.reset(); }
   // What is under way is of no use any more: tracking was lost.
-  void cancel() { work_.reset(); }
+  void cancel() { spent_ = std::move(work_); }
 
  private:
   enum class Cause {
@@ -131,7 +134,8 @@ class LoopClosureManager {
   const LocalMarkers& local_;
   MarkerScreening* screening_;
   Counters* counters_;
-  std::optional<Work> work_;
+  std::unique_ptr<Work> work_;
+  std::unique_ptr<Work> spent_;     // done, or cancelled; let go of in a frame that has the time
   bool whole_map_next_ = false;     // a part of it was not enough
   bool bent_ = false;               // only parts of the map were corrected
   int idle_frames_ = 0;             // in a row

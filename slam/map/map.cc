@@ -144,6 +144,7 @@ KeyframeId Map::addKeyframe(Keyframe keyframe) {
   }
   for (const MarkerDetection& detection : keyframe.detections) {
     views_[detection.id].push_back(keyframe.id);
+    ++view_count_;
   }
   const KeyframeId id = keyframe.id;
   const std::vector<MarkerLink> links = std::exchange(keyframe.links, {});
@@ -154,9 +155,23 @@ KeyframeId Map::addKeyframe(Keyframe keyframe) {
   return id;
 }
 
+void Map::setKeyframePoses(std::span<const KeyframePose> poses) {
+  // From one to the next, where that is not further than looking it up.
+  constexpr int kSteps = 8;
+  auto known = keyframes_.begin();
+  for (const KeyframePose& pose : poses) {
+    for (int i = 0; i < kSteps && known != keyframes_.end() && known->first < pose.id; ++i) ++known;
+    if (known != keyframes_.end() && known->first < pose.id) {
+      known = keyframes_.lower_bound(pose.id);
+    }
+    if (known == keyframes_.end()) return;
+    if (known->first == pose.id) known->second.T_w_c = pose.T_w_c;
+  }
+}
+
 void Map::removeKeyframe(KeyframeId id) {
   for (const MarkerDetection& detection : keyframes_.at(id).detections) {
-    std::erase(views_[detection.id], id);
+    view_count_ -= std::erase(views_[detection.id], id);
   }
   for (const MarkerLink& link : keyframes_.at(id).links) std::erase(linked_from_[link.marker], id);
   keyframes_.erase(id);
@@ -190,6 +205,7 @@ void Map::addView(KeyframeId id, const MarkerDetection& detection) {
   });
   std::vector<KeyframeId>& views = views_[detection.id];
   views.insert(std::upper_bound(views.begin(), views.end(), id), id);
+  ++view_count_;
 }
 
 void Map::replaceView(KeyframeId id, const MarkerDetection& detection) {
@@ -204,7 +220,7 @@ void Map::removeViews(int marker_id, std::span<const KeyframeId> keyframes) {
     keyframes_.at(id).detections.change([&](auto* detections) {
       std::erase_if(*detections, [&](const MarkerDetection& d) { return d.id == marker_id; });
     });
-    std::erase(views_[marker_id], id);
+    view_count_ -= std::erase(views_[marker_id], id);
   }
 }
 

@@ -81,6 +81,11 @@ struct Keyframe {
   }
 };
 
+struct KeyframePose {
+  KeyframeId id = -1;
+  Transform T_w_c;
+};
+
 // A copy shares the corners of its keyframes with the original: it costs some memory for each
 // keyframe and marker, and may be read, and let go, by another thread.
 class Map {
@@ -102,6 +107,8 @@ class Map {
   [[nodiscard]] const MapMarker* findPosed(int marker_id) const;
   // V(m) of Eq. 32: the keyframes that see a marker, oldest first.
   [[nodiscard]] std::span<const KeyframeId> viewsOf(int marker_id) const;
+  // How many all of these are.
+  [[nodiscard]] std::size_t viewCount() const { return view_count_; }
   // The keyframes that are linked to a marker, in the order of the links.
   [[nodiscard]] std::span<const KeyframeId> linkedFrom(int marker_id) const;
   // G(f) of Eq. 30: the keyframes that share a marker with the given one, itself among them.
@@ -140,6 +147,8 @@ class Map {
   void removeKeyframe(KeyframeId id);
   // Precondition: the keyframe exists.
   void setKeyframePose(KeyframeId id, const Transform& T_w_c) { keyframes_.at(id).T_w_c = T_w_c; }
+  // Of those that exist. Precondition: ascending.
+  void setKeyframePoses(std::span<const KeyframePose> poses);
   // Precondition: the keyframe exists.
   void setKeyframeTwist(KeyframeId id, const Vector6d& twist) { keyframes_.at(id).twist = twist; }
   // In place of another one between the two. Preconditions: both exist.
@@ -164,7 +173,8 @@ class Map {
  private:
   std::map<int, MapMarker> markers_;
   std::map<KeyframeId, Keyframe> keyframes_;
-  std::map<int, std::vector<KeyframeId>> views_;        // by marker; ascending
+  std::map<int, std::vector<KeyframeId>> views_;  // by marker; ascending
+  std::size_t view_count_ = 0;
   std::map<int, std::vector<KeyframeId>> linked_from_;  // by marker
   KeyframeId next_keyframe_ = 0;
   std::uint64_t epoch_ = 0;

@@ -200,6 +200,23 @@ TEST(Map, KeyframeIdsEverGrow) {
   EXPECT_EQ(map.addKeyframe(from_file), 11);
 }
 
+TEST(Map, ManyPosesAreSetAtOnce) {
+  Map map;
+  for (int i = 0; i < 100; ++i) (void)map.addKeyframe(Keyframe{});
+  for (const KeyframeId gone : {3, 50, 51}) map.removeKeyframe(gone);
+  std::vector<KeyframePose> poses;
+  for (const KeyframeId id : {-1, 0, 3, 4, 50, 90, 99, 200}) {
+    Transform T;
+    T.p.x() = 1.0 + static_cast<double>(id);
+    poses.push_back({id, T});
+  }
+  map.setKeyframePoses(poses);
+  for (const auto& [id, keyframe] : map.keyframes()) {
+    const bool is_set = id == 0 || id == 4 || id == 90 || id == 99;
+    EXPECT_EQ(keyframe.T_w_c.p.x(), is_set ? 1.0 + static_cast<double>(id) : 0.0) << id;
+  }
+}
+
 TEST(Map, ALateViewIsLikeAnyOther) {
   Map map;
   for (const int id : {1, 2, 3}) map.addMarker(id, 0.1);

@@ -34,6 +34,7 @@ MapGrowth MapUpdater::grow(const TrackedFrame& frame, Map* map) {
     sortById(&fitting_);
   }
   growth.map_changed = screenMarkers(frame, map);
+  growth.map_changed = mapper_.catchUp(map, counters_) || growth.map_changed;
   const Transform& T_w_c = frame.solution.T_w_c;
   // From one of a single marker's two poses, undecided, the map would learn either.
   const bool decided = fitting_.size() > 1 || isCertain(frame);
@@ -91,6 +92,7 @@ bool MapUpdater::screenMarkers(const TrackedFrame& frame, Map* map) {
 
 // What local optimization leaves is for what is larger than the neighbourhood of a keyframe.
 void MapUpdater::work(double budget, const Map& map) {
+  loops_.letGoOfSpent();
   const bool local_only = loops_.idle() && shutterIdle(map) && lens_->idle(map);
   loops_.relaxInIdleTime(map, local_only && mapper_.idle());
   const double for_local = local_only ? budget : options_.mapper.work_share * budget;

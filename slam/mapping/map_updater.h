@@ -90,6 +90,7 @@ class MapUpdater {
     return mapper_.worldMoved() || mapper_.isDone() || lens_->isDone() || loops_.isDone() ||
            (asksShutter() && rolling_shutter_->isDone());
   }
+  [[nodiscard]] bool loopsIdle() const { return loops_.idle(); }
   // Puts into the map what is done.
   [[nodiscard]] FinishedWork collect(Map* map);
   // Nothing is under way, due, or waits to be collected.

@@ -10,6 +10,7 @@
 #include "base/task.h"
 #include "slam/counters.h"
 #include "slam/initialization/initializer.h"
+#include "slam/keyframes/keyframe_culler.h"
 #include "slam/keyframes/keyframe_policy.h"
 #include "slam/map/map.h"
 #include "slam/map/marker_options.h"
@@ -40,6 +41,10 @@ struct MapperOptions {
   // held. More costs time with every keyframe, fewer leaves it where its first view has put it
   // until an optimization comes to it, and the next views do not fit.
   int young_views = 8;
+  // What deciding and refining the markers of a new keyframe may take of its frame, in the units of
+  // Options::work_per_frame; the frames after it go on. More only matters where a frame sees very
+  // many undecided markers, and makes that frame long.
+  double marker_cost = 800.0;
 
   // Empty when usable, else what is wrong.
   [[nodiscard]] std::string invalidReason() const;
@@ -48,7 +53,7 @@ struct MapperOptions {
 class Mapper {
  public:
   Mapper(const MarkerOptions& markers, double focal_px, const MapperOptions& options)
-      : markers_(markers), focal_px_(focal_px), options_(options) {}
+      : markers_(markers), focal_px_(focal_px), options_(options), culler_(options.keyframes) {}
 
   // The first keyframes and markers of an empty map. Returns where the last of them is.
   Transform begin(const Start& start, Map* map, Counters* counters);
@@ -61,6 +66,9 @@ class Mapper {
   void insert(const Keyframe& frame, Map* map, Counters* counters);
   // The same with what was carried through a gap: its marker hangs where the joint says.
   void insert(const GapJoint& joint, Map* map, Counters* counters);
+  // Markers of keyframes that were inserted before, for which those frames had no time any more.
+  // True when there were some: the map may have changed.
+  bool catchUp(Map* map, Counters* counters);
   // A local optimization around this keyframe is wanted.
   void want(KeyframeId keyframe) { wanted_ = keyframe; }
   // What a picture changes. Precondition: it is among the map's markers.
@@ -90,14 +98,18 @@ class Mapper {
       std::span<const MarkerDetection> detections, const Transform& T_w_c, const Map& map) const;
   void pose(int marker_id, const Transform& T_w_m, const std::optional<Transform>& other,
             Map* map) const;
-  void resolve(int marker_id, Map* map, Counters* counters) const;
-  void refineYoung(int marker_id, Map* map) const;
+  void seeToMarkers(Map* map, Counters* counters);
+  double resolve(int marker_id, Map* map, Counters* counters) const;
+  double refineYoung(int marker_id, Map* map) const;
   [[nodiscard]] MarkerResolution resolution(int marker_id, int min_views, const Map& map) const;
   void fixWorld(Map* map);
 
   MarkerOptions markers_;
   double focal_px_;
   MapperOptions options_;
+  KeyframeCuller culler_;
+  std::vector<int> to_resolve_;  // markers of new keyframes, the next one first
+  std::vector<int> to_refine_;   // likewise, once those are done
   double residual_sigma_ = 1.0;
   // The local optimization under way, and the keyframe it is for; and the one that wants the next.
   std::optional<SlicedTask<MapCorrection>> local_;

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <iterator>
+#include <limits>
 #include <utility>
 
 #include <Eigen/Cholesky>
@@ -14,16 +15,20 @@ namespace waymark::slam {
 namespace {
 
 // What steps cost, in microseconds of a core of 3 GHz.
-constexpr double kLookAtPose = 0.001;
+constexpr double kLookAtPose = 0.0007;
 constexpr double kMergeEntry = 0.003;
+constexpr double kSortEntry =
+    0.006;  // a note of a shared block, among hundreds that name few poses
 constexpr double kClearBlock = 0.02;
+constexpr double kFreshBlock = 0.15;  // its memory is touched for the first time
+constexpr double kSubstituteBlock = 0.025;
 constexpr double kColumn = 0.1;
 constexpr double kBlockProduct = 0.04;
 
 // Of poses that share blocks, as they are eliminated one by one.
 class EliminationGraph {
  public:
-  explicit EliminationGraph(std::size_t poses) : neighbours_(poses), gone_(poses, false) {}
+  explicit EliminationGraph(std::size_t poses) : neighbours_(poses), degrees_(poses, 0) {}
 
   // Each pair need be named once.
   void add(int pose, std::span<const int> neighbours) {
@@ -32,32 +37,31 @@ class EliminationGraph {
       neighbours_[at(j)].push_back(pose);
     }
   }
+  // How often it was named so far.
+  [[nodiscard]] std::size_t noted(int pose) const { return neighbours_[at(pose)].size(); }
   // Once all of its neighbours have been added.
   void complete(int pose) {
     sortUnique(&neighbours_[at(pose)]);
     std::erase(neighbours_[at(pose)], pose);
+    degrees_[at(pose)] = static_cast<int>(neighbours_[at(pose)].size());
   }
 
   // The one with the fewest neighbours. Precondition: one is left.
   [[nodiscard]] int next() const {
-    std::size_t best = neighbours_.size();
-    for (std::size_t i = 0; i < neighbours_.size(); ++i) {
-      if (gone_[i]) continue;
-      if (best == neighbours_.size() || neighbours_[i].size() < neighbours_[best].size()) best = i;
-    }
-    return static_cast<int>(best);
+    return static_cast<int>(std::ranges::min_element(degrees_) - degrees_.begin());
   }
 
   // Its neighbours, who are all neighbours of each other from here on.
   std::vector<int> eliminate(int pose) {
-    gone_[static_cast<std::size_t>(pose)] = true;
-    std::vector<int> left = std::move(neighbours_[static_cast<std::size_t>(pose)]);
+    degrees_[at(pose)] = std::numeric_limits<int>::max();
+    std::vector<int> left = std::move(neighbours_[at(pose)]);
     for (const int j : left) {
-      std::vector<int>& of_j = neighbours_[static_cast<std::size_t>(j)];
+      std::vector<int>& of_j = neighbours_[at(j)];
       merged_.clear();
       std::ranges::set_union(of_j, left, std::back_inserter(merged_));
       std::erase_if(merged_, [&](int k) { return k == j || k == pose; });
       std::swap(of_j, merged_);
+      degrees_[at(j)] = static_cast<int>(of_j.size());
     }
     return left;
   }
@@ -66,7 +70,7 @@ class EliminationGraph {
   static std::size_t at(int pose) { return static_cast<std::size_t>(pose); }
 
   std::vector<std::vector<int>> neighbours_;  // sorted
-  std::vector<bool> gone_;
+  std::vector<int> degrees_;  // how many those are; of one that is gone, more than any
   std::vector<int> merged_;
 };
 
@@ -83,7 +87,7 @@ Task<Done> BlockSystem::arrange(std::vector<std::vector<int>> neighbours, bool w
     neighbours[at(i)] = {};
   }
   for (int i = 0; i < static_cast<int>(poses); ++i) {
-    co_await budget->spend(kColumn);
+    co_await budget->spend(kColumn + kSortEntry * static_cast<double>(graph.noted(i)));
     graph.complete(i);
   }
   position_.assign(poses, -1);
@@ -108,12 +112,15 @@ Task<Done> BlockSystem::arrange(std::vector<std::vector<int>> neighbours, bool w
   blocks_.clear();
   blocks_.reserve(rows_.size());  // takes no time: the memory is touched below
   for (std::size_t column = 0; column < poses; ++column) {
-    co_await budget->spend(kClearBlock * static_cast<double>(first_[column + 1] - first_[column]));
+    const std::size_t begin = blocks_.size();
+    co_await budget->spend(kFreshBlock * static_cast<double>(first_[column + 1] - begin));
     blocks_.resize(first_[column + 1]);
+    for (std::size_t i = begin; i < blocks_.size(); ++i) blocks_[i].setZero();
   }
-  right_.resize(poses);
-  global_blocks_.resize(with_globals ? poses : 0);
-  (void)co_await clear(budget);
+  right_.assign(poses, Vector6d::Zero());
+  global_blocks_.assign(with_globals ? poses : 0, PoseGlobalMatrix::Zero());
+  globals_.setZero();
+  global_right_.setZero();
   co_return Done{};
 }
 
@@ -154,7 +161,7 @@ Task<bool> BlockSystem::solve(Budget* budget) {
   }
   if (!solveGlobals()) co_return false;
   for (int column = poses() - 1; column >= 0; --column) {
-    co_await budget->spend(kColumn);
+    co_await budget->spend(kColumn + kSubstituteBlock * static_cast<double>(below(column).size()));
     substitute(column);
     if (!right(column).allFinite()) co_return false;
   }

@@ -5,7 +5,7 @@
 #include <limits>
 #include <utility>
 
-#include "slam/geometry/robust.h"
+#include "slam/optimization/residual_sigma.h"
 #include "slam/option_checks.h"
 
 namespace waymark::slam {
@@ -13,7 +13,10 @@ namespace {
 
 constexpr double kHopeless = 1e10;  // damping beyond which no step will help
 
-constexpr double kMovePose = 0.15;  // microseconds of a core of 3 GHz
+// What steps cost, in microseconds of a core of 3 GHz.
+constexpr double kMovePose = 0.15;
+constexpr double kCopyPose = 0.03;
+constexpr double kWeighView = 0.01;
 
 // False when the step leaves what a lens can be.
 bool moveLens(const BundleProblem::Lens& from, const IntrinsicVector& step,
@@ -60,12 +63,14 @@ Task<bool> BundleAdjuster::begin(Budget* budget) {
   if (options_.estimate_residual_sigma) {
     std::vector<double> squared;
     const bool seen = co_await cornerErrors(problem_, whitened_, &squared, budget);
-    if (seen) summary_.residual_sigma = residualSigmaOf(squared);
+    if (seen) summary_.residual_sigma = co_await residualSigma(squared, budget);
     options_.huber *= summary_.residual_sigma;
   }
   const bool seen = co_await linearize(problem_, whitened_, options_.huber, &equations_, budget);
   if (!seen) co_return false;
   summary_.initial_cost = summary_.final_cost = equations_.cost;
+  co_await budget->spend(
+      kCopyPose * static_cast<double>(problem_.cameras.size() + problem_.observations.size()));
   trial_ = problem_;
   (void)co_await schur_.arrange(problem_, budget);
   co_return true;
@@ -90,6 +95,8 @@ Task<bool> BundleAdjuster::iterate(Budget* budget) {
     co_return true;
   }
   const double decrease = summary_.final_cost - cost;
+  co_await budget->spend(kCopyPose *
+                         static_cast<double>(problem_.cameras.size() + problem_.markers.size()));
   accept(cost);
   const bool seen = co_await linearize(problem_, whitened_, options_.huber, &equations_, budget);
   if (!seen) {
@@ -127,6 +134,7 @@ Task<bool> BundleAdjuster::gateViews(Budget* budget) {
   std::vector<double> squared;
   const bool seen = co_await cornerErrors(problem_, whitened_, &squared, budget);
   if (!seen) co_return true;
+  co_await budget->spend(kWeighView * static_cast<double>(problem_.observations.size()));
   gated_ = outlierViews(squared);
   if (gated_.empty()) co_return true;
   summary_.gated_views = static_cast<int>(gated_.size());

@@ -21,6 +21,6 @@ Task<MapFit> fitOf(const BundleProblem& problem, Budget* budget);
 
 // Robust, of some squared errors. huber: the kernel's threshold, in units of the corners'
 // covariances.
-[[nodiscard]] double costOf(std::span<const double> squared, double huber);
+Task<double> costOf(std::span<const double> squared, double huber, Budget* budget);
 
 }  // namespace waymark::slam

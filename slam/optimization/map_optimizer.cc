@@ -36,7 +36,15 @@ Task<MapCorrection> optimizeSubproblem(const Map& map, SubproblemMembers roles,
   Subproblem part = co_await buildSubproblem(map, std::move(roles), markers, budget);
   BundleAdjuster adjuster(std::move(part.problem), options);
   (void)co_await adjuster.run(budget);
-  co_return correctionOf(part, adjuster);
+  MapCorrection correction = co_await correctionOf(part, adjuster, budget);
+  co_return correction;
+}
+
+std::optional<Transform> applyWhole(const MapCorrection& correction, Map* map) {
+  if (correction.keyframes.empty()) return std::nullopt;
+  auto T_new_old = applyAround(correction.keyframes.back().id, correction, map);
+  if (T_new_old) map->beginEpoch();
+  return T_new_old;
 }
 
 BundleSummary optimizeLocally(Map* map, KeyframeId keyframe, const MarkerOptions& markers,

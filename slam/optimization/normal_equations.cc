@@ -20,6 +20,8 @@ std::size_t at(int index) { return static_cast<std::size_t>(index); }
 constexpr double kWhiten = 0.1;     // an observation
 constexpr double kResiduals = 0.1;  // of an observation
 constexpr double kLinearize = 0.35;
+constexpr double kDifferentiateByGlobals = 0.5;
+constexpr double kResetPose = 0.05;
 
 // An observation's residuals (two by corner), and their derivatives by its marker's pose and by the
 // globals; those by the camera's follow from the marker's.
@@ -155,12 +157,14 @@ void accumulate(const BundleProblem& problem, std::size_t o, const ObservationTe
   addTie(problem, o, H, g, equations);
   if (!problem.hasGlobals()) return;
   const BundleProblem::Tie tie = problem.tie(o);
-  const PoseGlobalMatrix G = term.J_marker.transpose() * term.J_global;
+  // Row by row of few columns: lazy products are made without the packing that large ones are
+  // worth.
+  const PoseGlobalMatrix G = term.J_marker.transpose().lazyProduct(term.J_global);
   equations->H_marker_global[at(tie.marker)] += G;
   equations->H_camera_global[at(tie.camera)] -=
       transposedTransport<BundleProblem::kGlobals>(fromCamera(problem, tie), G);
-  equations->H_global.noalias() += term.J_global.transpose() * term.J_global;
-  equations->g_global.noalias() += term.J_global.transpose() * term.residual;
+  equations->H_global += term.J_global.transpose().lazyProduct(term.J_global);
+  equations->g_global += term.J_global.transpose().lazyProduct(term.residual);
 }
 
 // Of (dp, dtheta) of the marker's pose, in the world: where it is less where the camera has it.
@@ -313,10 +317,13 @@ Task<bool> cornerErrors(const BundleProblem& problem, const std::vector<Whitened
 
 Task<bool> linearize(const BundleProblem& problem, const std::vector<WhitenedCorners>& whitened,
                      double huber, NormalEquations* equations, Budget* budget) {
+  co_await budget->spend(kResetPose *
+                         static_cast<double>(problem.cameras.size() + problem.markers.size()));
   reset(problem, equations);
   ObservationTerm term;
+  const double price = kLinearize + (problem.hasGlobals() ? kDifferentiateByGlobals : 0.0);
   for (std::size_t o = 0; o < problem.observations.size(); ++o) {
-    co_await budget->spend(kLinearize);
+    co_await budget->spend(price);
     if (!differentiate(problem, o, whitened[o], huber, &term, &equations->cost)) co_return false;
     accumulate(problem, o, term, equations);
   }

@@ -18,6 +18,9 @@ namespace {
 // What steps cost, in microseconds of a core of 3 GHz.
 constexpr double kTakeView = 0.2;
 constexpr double kTakePose = 0.4;
+constexpr double kTakeCovariance = 1.0;
+constexpr double kFindKeyframe = 1.5;
+constexpr double kFindView = 0.1;
 
 // Markers and keyframes come in batches: a part of the usual size at once, as the map is then.
 constexpr std::size_t kBatch = 500;
@@ -196,16 +199,20 @@ SubproblemMembers localMap(const Map& map, KeyframeId keyframe, const LocalMapOp
   return roles;
 }
 
-SubproblemMembers regionAround(const Map& map, std::span<const KeyframeId> seeds, int keyframes) {
-  std::vector<KeyframeId> inside(seeds.begin(), seeds.end());  // as they were come to
+Task<SubproblemMembers> regionAround(const Map& map, std::vector<KeyframeId> seeds, int keyframes,
+                                     Budget* budget) {
+  std::vector<KeyframeId> inside = std::move(seeds);  // as they were come to
   sortUnique(&inside);
   std::set<KeyframeId> known(inside.begin(), inside.end());  // and those that are held
   std::set<int> markers;
   for (std::size_t i = 0; i < inside.size(); ++i) {
     std::vector<KeyframeId> views;
-    map.keyframes().at(inside[i]).forEachMarker([&](int id) {
+    const auto keyframe = map.keyframes().find(inside[i]);
+    if (keyframe == map.keyframes().end()) continue;  // has been let go since the first slice
+    keyframe->second.forEachMarker([&](int id) {
       if (markers.insert(id).second) addViews(map, id, &views);
     });
+    co_await budget->spend(kFindKeyframe + kFindView * static_cast<double>(views.size()));
     for (const KeyframeId view : views) {
       if (!known.insert(view).second) continue;
       if (static_cast<int>(inside.size()) < keyframes) inside.push_back(view);
@@ -215,9 +222,10 @@ SubproblemMembers regionAround(const Map& map, std::span<const KeyframeId> seeds
   SubproblemMembers roles;
   roles.markers.assign(markers.begin(), markers.end());
   for (const KeyframeId id : known) {
+    co_await budget->spend(kFindView);
     roles.keyframes.push_back({id, !std::ranges::binary_search(inside, id)});
   }
-  return roles;
+  co_return roles;
 }
 
 SubproblemMembers newestMap(const Map& map, int keyframes) {
@@ -255,16 +263,19 @@ Task<Subproblem> buildSubproblem(const Map& map, SubproblemMembers roles,
   co_return part;
 }
 
-MapCorrection correctionOf(const Subproblem& part, const BundleAdjuster& adjuster) {
+Task<MapCorrection> correctionOf(const Subproblem& part, const BundleAdjuster& adjuster,
+                                 Budget* budget) {
   MapCorrection correction;
   correction.summary = adjuster.summary();
   correction.epoch = part.epoch;
   correction.keyframes.reserve(part.keyframes.size());
   for (std::size_t c = 0; c < part.keyframes.size(); ++c) {
+    co_await budget->spend(kTakePose);
     correction.keyframes.push_back({part.keyframes[c], adjuster.problem().cameras[c].T});
   }
   correction.markers.reserve(part.markers.size());
   for (std::size_t m = 0; m < part.markers.size(); ++m) {
+    co_await budget->spend(kTakeCovariance);
     correction.markers.push_back({part.markers[m], adjuster.problem().markers[m].T,
                                   adjuster.markerCovariance(static_cast<int>(m))});
   }
@@ -274,7 +285,7 @@ MapCorrection correctionOf(const Subproblem& part, const BundleAdjuster& adjuste
     if (camera >= part.keyframes.size()) continue;  // not of the map
     correction.outliers.push_back({part.keyframes[camera], observation.detection->id});
   }
-  return correction;
+  co_return correction;
 }
 
 const MapMarker* findUnmoved(const Map& map, const Subproblem::Marker& marker) {
@@ -284,9 +295,7 @@ const MapMarker* findUnmoved(const Map& map, const Subproblem::Marker& marker) {
 
 bool apply(const MapCorrection& correction, Map* map) {
   if (correction.epoch != map->epoch()) return false;
-  for (const auto& [id, T_w_c] : correction.keyframes) {
-    if (map->keyframes().contains(id)) map->setKeyframePose(id, T_w_c);
-  }
+  map->setKeyframePoses(correction.keyframes);
   for (const auto& corrected : correction.markers) {
     const MapMarker* const known = findUnmoved(*map, corrected.marker);
     if (known == nullptr) continue;

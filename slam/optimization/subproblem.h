@@ -60,9 +60,9 @@ struct SubproblemMembers {
 [[nodiscard]] SubproblemMembers localMap(const Map& map, KeyframeId keyframe,
                                          const LocalMapOptions& options = {});
 // So many keyframes, those that the fewest steps from marker to keyframe lead to from the given
-// ones; others that see their markers are held. Precondition: these exist.
-[[nodiscard]] SubproblemMembers regionAround(const Map& map, std::span<const KeyframeId> seeds,
-                                             int keyframes);
+// ones; others that see their markers are held.
+Task<SubproblemMembers> regionAround(const Map& map, std::vector<KeyframeId> seeds, int keyframes,
+                                     Budget* budget);
 // The newest keyframes and what they see; the oldest of them is held.
 [[nodiscard]] SubproblemMembers newestMap(const Map& map, int keyframes);
 
@@ -73,10 +73,6 @@ Task<Subproblem> buildSubproblem(const Map& map, SubproblemMembers roles,
                                  const MarkerOptions& markers, Budget* budget);
 
 struct MapCorrection {
-  struct KeyframePose {
-    KeyframeId id = -1;
-    Transform T_w_c;
-  };
   struct MarkerPose {
     Subproblem::Marker marker;
     Transform T_w_m;
@@ -93,7 +89,9 @@ struct MapCorrection {
   std::uint64_t epoch = 0;
 };
 
-[[nodiscard]] MapCorrection correctionOf(const Subproblem& part, const BundleAdjuster& adjuster);
+// Both must outlive the task.
+Task<MapCorrection> correctionOf(const Subproblem& part, const BundleAdjuster& adjuster,
+                                 Budget* budget);
 
 // Of the map, as long as it hangs where the part was taken out; null for one that hangs elsewhere
 // by now, or has no pose.

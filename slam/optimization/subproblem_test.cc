@@ -117,18 +117,22 @@ TEST(SubproblemMembers, OfALocalMapThatIsTooLarge) {
             (Keyframes{1, often, newest}));
 }
 
+SubproblemMembers region(const Map& map, const std::vector<KeyframeId>& seeds, int keyframes) {
+  return runToCompletion([&](Budget* a) { return regionAround(map, seeds, keyframes, a); });
+}
+
 TEST(SubproblemMembers, OfTheRegionAroundKeyframes) {
   const Map map = chain();
   const std::vector<KeyframeId> seeds = {0};
-  const SubproblemMembers two = regionAround(map, seeds, 2);
+  const SubproblemMembers two = region(map, seeds, 2);
   EXPECT_EQ(of(two, false), (Keyframes{0, 1}));
   EXPECT_EQ(two.markers, (std::vector<int>{1, 2, 3}));
   EXPECT_EQ(of(two, true), (Keyframes{2}));
-  const SubproblemMembers all_it_leads_to = regionAround(map, seeds, 100);
+  const SubproblemMembers all_it_leads_to = region(map, seeds, 100);
   EXPECT_EQ(of(all_it_leads_to, false), (Keyframes{0, 1, 2, 3, 5}));
   EXPECT_TRUE(of(all_it_leads_to, true).empty());
   const std::vector<KeyframeId> both_ends = {4, 0, 4};
-  EXPECT_EQ(of(regionAround(map, both_ends, 3), false), (Keyframes{0, 1, 4}));
+  EXPECT_EQ(of(region(map, both_ends, 3), false), (Keyframes{0, 1, 4}));
 }
 
 TEST(SubproblemMembers, OfTheNewestKeyframes) {
@@ -353,7 +357,8 @@ TEST(MapCorrection, NamesPosesCovariancesAndOutliersByTheirIds) {
   Subproblem part = build(map, wholeMap(map));
   BundleAdjuster adjuster(std::move(part.problem), {.max_iterations = 30});
   (void)runToCompletion([&](Budget* b) { return adjuster.run(b); });
-  const MapCorrection correction = correctionOf(part, adjuster);
+  const MapCorrection correction =
+      runToCompletion([&](Budget* a) { return correctionOf(part, adjuster, a); });
   EXPECT_EQ(correction.epoch, map.epoch());
   ASSERT_EQ(correction.keyframes.size(), 7U);
   EXPECT_EQ(correction.keyframes[1].id, 2) << "1 is not there";

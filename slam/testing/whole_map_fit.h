@@ -13,4 +13,10 @@ inline MapFit wholeMapFit(const Map& map) {
   return runToCompletion([&](Budget* a) { return fitOf(part.problem, a); });
 }
 
+// Its robust cost, with the usual kernel.
+inline double costOf(const MapFit& fit) {
+  constexpr double kHuber = 2.45;
+  return runToCompletion([&](Budget* a) { return slam::costOf(fit.squared, kHuber, a); });
+}
+
 }  // namespace waymark::slam::testing

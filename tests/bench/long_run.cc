@@ -14,6 +14,7 @@
 #include <unistd.h>
 
 #include "base/clock.h"
+#include "base/freed_memory.h"
 #include "io/maps/map_file.h"
 #include "io/text/number_text.h"
 #include "io/text/text_file.h"
@@ -142,6 +143,7 @@ tools::ExitCode run(const Arguments& arguments) {
     std::fprintf(stderr, "long_run: %s\n", planned.error().message.c_str());
     return tools::kBadInput;
   }
+  keepFreedMemory();  // as the daemon does
   const Walk& walk = *planned;
   const slam::CameraModel camera(walk.camera);
   const std::vector<io::MarkerCorners> layout = layoutOf(walk);
