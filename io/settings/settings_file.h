@@ -32,7 +32,7 @@ struct Setting {
   // set, `read` is not.
   std::function<std::vector<Setting>()> element = nullptr;
   // A key of old files that has this name by now: an error that says so. `read` is not set.
-  std::string renamed_to;
+  std::string renamed_to{};
 };
 
 [[nodiscard]] Setting required(Setting setting);
