@@ -111,7 +111,9 @@ bool PoseIntegrator::follow(std::int64_t time_ns, const ImageView& image, const 
 std::optional<PoseEstimate> PoseIntegrator::fusedPose(const PoseEstimate& of_markers,
                                                       const VisualUpdate& update) const {
   const FilteredPose pose = filter_->pose();
-  if (update.believed < options_.integrator.min_features || !isFinite(pose) ||
+  // A filter that refuses a marker is not where that marker is.
+  const bool by_markers = update.markers.used > 0 && update.markers.refused == 0;
+  if (!by_markers || update.believed < options_.integrator.min_features || !isFinite(pose) ||
       !(variance(pose.covariance) < variance(of_markers.view_covariance))) {
     return std::nullopt;
   }

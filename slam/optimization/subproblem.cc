@@ -310,13 +310,42 @@ void removeOutliers(const MapCorrection& correction, Map* map) {
   }
 }
 
+namespace {
+
+// Of a keyframe's markers, the one whose place is known best; null where it sees none with a place.
+const MapMarker* bestKnownMarker(const Keyframe& keyframe, const Map& map) {
+  const MapMarker* best = nullptr;
+  const auto variance = [](const MapMarker& marker) {
+    return marker.covariance.topLeftCorner<3, 3>().trace();
+  };
+  for (const MarkerDetection& detection : keyframe.detections) {
+    const MapMarker* const marker = map.findPosed(detection.id);
+    if (marker != nullptr && (best == nullptr || variance(*marker) < variance(*best))) {
+      best = marker;
+    }
+  }
+  return best;
+}
+
+}  // namespace
+
 std::optional<Transform> applyAround(KeyframeId keyframe, const MapCorrection& correction,
                                      Map* map) {
   const auto found = map->keyframes().find(keyframe);
-  const bool is_there = found != map->keyframes().end();
-  const Transform T_was = is_there ? found->second.T_w_c : Transform{};
+  if (found == map->keyframes().end()) {
+    return apply(correction, map) ? std::optional(Transform{}) : std::nullopt;
+  }
+  // A camera that was carried to where it is moves to where its markers want it: the world around
+  // it is where these are. How a marker is turned is known too badly to turn a world by.
+  const bool carried = !found->second.links.empty();
+  const MapMarker* const marker = carried ? bestKnownMarker(found->second, *map) : nullptr;
+  const int id = marker != nullptr ? marker->id : -1;
+  const Transform T_was = marker != nullptr ? *marker->T_w_m : found->second.T_w_c;
   if (!apply(correction, map)) return std::nullopt;
-  return is_there ? found->second.T_w_c * T_was.inverse() : Transform{};
+  if (id < 0) return found->second.T_w_c * T_was.inverse();
+  Transform T_new_old;
+  if (const MapMarker* const now = map->findPosed(id)) T_new_old.p = now->T_w_m->p - T_was.p;
+  return T_new_old;
 }
 
 }  // namespace waymark::slam

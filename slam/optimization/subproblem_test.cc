@@ -343,6 +343,20 @@ TEST(MapCorrection, TellsWhatItDidToAKeyframe) {
   EXPECT_TRUE(same(*gone, Transform{}));
 }
 
+// Where a camera was carried to is corrected by its markers, which stay where they are: what
+// follows these does not go with the camera.
+TEST(MapCorrection, TellsWhatItDidToTheMarkersOfACarriedKeyframe) {
+  Map map = chain();
+  map.addLink(2, {.marker = 1});
+  MapCorrection correction = shifted(map);
+  correction.keyframes[2].T_w_c = kElsewhere;
+  const Eigen::Vector3d was = map.find(3)->T_w_m->p;
+  const auto T_new_old = applyAround(2, correction, &map);
+  ASSERT_TRUE(T_new_old);
+  EXPECT_LT((*T_new_old * was - map.find(3)->T_w_m->p).norm(), 1e-12);
+  EXPECT_TRUE(same(*T_new_old, {Eigen::Matrix3d::Identity(), {0.0, 0.0, 1.0}}));
+}
+
 TEST(MapCorrection, NamesPosesCovariancesAndOutliersByTheirIds) {
   std::mt19937 rng(5);
   const CameraModel camera(testing::testCalibration());
