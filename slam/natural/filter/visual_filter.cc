@@ -72,6 +72,7 @@ VisualFilter::VisualFilter(const VisualFilterOptions& options)
 void VisualFilter::reinitialize(const Transform& T_w_c, const Matrix6d& covariance) {
   filter_.start(T_w_c, covariance);
   memory_.clear();
+  told_views_ = 0;
   running_ = true;
   marker_depth_m_ = 0.0;
   frames_since_lot_ = 0;

@@ -205,8 +205,9 @@ class VisualFilter {
   void remember(int feature);
   // Points that come back into view are features again.
   void recallPoints(const CameraModel& camera, VisualUpdate* result);
-  // Of one view; how many.
-  int recall(const CameraModel& camera, RememberedView* view);
+  // Of one view, which has a part of what is known in common with so many; how many.
+  int recall(const CameraModel& camera, int sharing, RememberedView* view);
+  [[nodiscard]] int pointsInView(const CameraModel& camera, const RememberedView& view) const;
   [[nodiscard]] bool isInView(const CameraModel& camera, const RememberedView& view,
                               const RememberedPoint& point) const;
   // The youngest features go until there is room for so many.
@@ -239,6 +240,7 @@ class VisualFilter {
   bool running_ = false;
   std::vector<Feature> features_;  // by their place in the state
   PointMemory memory_;
+  int told_views_ = 0;  // that were recalled since the pose was last known as well as all of them
   std::array<ImageReducer, 2> reducers_;
   ImageLevels levels_;  // of the image at hand
   CornerFinder corners_;

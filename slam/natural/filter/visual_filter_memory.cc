@@ -38,34 +38,60 @@ bool VisualFilter::isInView(const CameraModel& camera, const RememberedView& vie
   return camera.inImage(seen.at, kRecallBorder_px) && warpOf(point.look, point.rho, expected);
 }
 
-void VisualFilter::recallPoints(const CameraModel& camera, VisualUpdate* result) {
-  const double variance = filter_.state().poseCovariance().topLeftCorner<3, 3>().trace();
-  for (std::size_t i = 0; i < memory_.views().size(); ++i) {
-    RememberedView& view = memory_.view(i);
-    const bool in_state = filter_.state().findPose(PoseKind::kAnchor, view.anchor).has_value();
-    if (view.recalled && !in_state) {
-      memory_.forget(i);  // told once more, it would count twice
-      return;
-    }
-    const bool worth = options_.features.recalled_when_worse * view.variance() < variance;
-    if (!worth && !(view.recalled && in_state)) continue;
-    result->recalled += recall(camera, &view);
-    if (view.points.empty()) memory_.forget(i);
-    if (result->recalled > 0) return;  // others in the next frame
-  }
+int VisualFilter::pointsInView(const CameraModel& camera, const RememberedView& view) const {
+  return static_cast<int>(std::ranges::count_if(
+      view.points, [&](const RememberedPoint& point) { return isInView(camera, view, point); }));
 }
 
-int VisualFilter::recall(const CameraModel& camera, RememberedView* view) {
+void VisualFilter::recallPoints(const CameraModel& camera, VisualUpdate* result) {
+  const double variance = filter_.state().poseCovariance().topLeftCorner<3, 3>().trace();
+  const auto is_worth = [&](const RememberedView& view) {
+    return options_.features.recalled_when_worse * view.variance() < variance;
+  };
+  const auto in_state = [&](const RememberedView& view) {
+    return view.recalled && filter_.state().findPose(PoseKind::kAnchor, view.anchor).has_value();
+  };
+  for (std::size_t i = 0; i < memory_.views().size(); ++i) {
+    const RememberedView& view = memory_.view(i);
+    if (!view.recalled || in_state(view)) continue;
+    memory_.forget(i);  // told once more, it would count twice
+    return;
+  }
+  if (std::ranges::none_of(memory_.views(), [&](const RememberedView& view) {
+        return is_worth(view) || in_state(view);
+      })) {
+    told_views_ = 0;
+    return;
+  }
+  // What they are off by is the same for all, as it is from the same markers: of the information,
+  // each tells a part. So is what the markers themselves will tell.
+  int sharing = told_views_ + 1;
+  std::optional<std::size_t> next;
+  for (std::size_t i = 0; i < memory_.views().size(); ++i) {
+    const RememberedView& view = memory_.view(i);
+    const bool known = in_state(view);
+    if (!known && !is_worth(view)) continue;
+    if (pointsInView(camera, view) < (known ? 1 : kFewestOfView)) continue;
+    if (!known) ++sharing;
+    if (!next) next = i;
+  }
+  if (!next) return;
+  result->recalled += recall(camera, sharing, &memory_.view(*next));  // others in the next frame
+  if (memory_.view(*next).points.empty()) memory_.forget(*next);
+}
+
+int VisualFilter::recall(const CameraModel& camera, int sharing, RememberedView* view) {
   const auto in_view = [&](const RememberedPoint& point) { return isInView(camera, *view, point); };
-  const auto count = static_cast<int>(std::ranges::count_if(view->points, in_view));
-  if (count < (view->recalled ? 1 : kFewestOfView)) return 0;
   const auto in_state = [&] {
     return filter_.state().findPose(PoseKind::kAnchor, view->anchor).value_or(-1);
   };
   if (in_state() < 0 && !makeRoomForAnchor()) return 0;
-  makeRoomFor(count);
+  makeRoomFor(pointsInView(camera, *view));
   int anchor = in_state();
-  if (anchor < 0 && !view->recalled) anchor = filter_.addAnchor(view->T_w_a, view->covariance);
+  if (anchor < 0 && !view->recalled) {
+    anchor = filter_.addAnchor(view->T_w_a, sharing * view->covariance);
+    if (anchor >= 0) ++told_views_;
+  }
   if (anchor < 0) return 0;
   view->anchor = filter_.state().poses()[static_cast<std::size_t>(anchor)].tag;
   view->recalled = true;
