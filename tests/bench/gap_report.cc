@@ -94,6 +94,19 @@ io::Json each(const Gap& gap) {
   return line;
 }
 
+double longest_s(const std::vector<Beyond>& stretches) {
+  double longest = 0.0;
+  for (const Beyond& b : stretches) longest = std::max(longest, b.end_s - b.begin_s);
+  return longest;
+}
+
+io::Json each(const Beyond& beyond) {
+  return {{"begin_s", beyond.begin_s},
+          {"end_s", beyond.end_s},
+          {"worst_mm", 1e3 * beyond.worst_m},
+          {"by_markers", beyond.by_markers}};
+}
+
 double number(const io::Json& json, const char* a, const char* b) {
   return json.at(a).at(b).get<double>();
 }
@@ -123,6 +136,7 @@ io::Json summaryOf(const std::string& scene, GapReport report) {
       {"frames", frames},
       {"posed_percent", percent(report.posed)},
       {"beyond_3_sigma_percent", percent(report.beyond_3_sigma)},
+      {"beyond_3_sigma_longest_s", longest_s(report.beyond)},
       {"cpu_ms",
        {{"mean", mean(report.cpu_ms)},
         {"p99", frames == 0 ? 0.0 : report.cpu_ms[frames * 99 / 100]},
@@ -132,23 +146,25 @@ io::Json summaryOf(const std::string& scene, GapReport report) {
       {"markers", {{"mapped", report.mapped}, {"all", report.markers}}},
       {"distance_off_mm", spread(report.distance_errors_mm)},
       {"each", io::Json::array()},
+      {"beyond", io::Json::array()},
   };
   for (std::size_t i = 0; i < kInto_s.size(); ++i) {
     io::Json into = intoGaps(report.gaps, i);
     if (into.at("gaps") != 0) summary["into"].push_back(std::move(into));
   }
   for (const Gap& gap : report.gaps) summary["each"].push_back(each(gap));
+  for (const Beyond& beyond : report.beyond) summary["beyond"].push_back(each(beyond));
   return summary;
 }
 
 void print(const io::Json& summary, bool every_gap) {
   std::printf(
-      "%s: %d frames, a pose in %.2f %% since the first one, NEES above 54 in %.2f %%; %.2f ms a "
-      "frame, p99 %.2f, worst %.2f\n",
+      "%s: %d frames, a pose in %.2f %% since the first one, NEES above 54 in %.2f %%, for "
+      "%.2f s at most; %.2f ms a frame, p99 %.2f, worst %.2f\n",
       summary.at("scene").get<std::string>().c_str(), summary.at("frames").get<int>(),
       number(summary, "posed_percent"), number(summary, "beyond_3_sigma_percent"),
-      number(summary, "cpu_ms", "mean"), number(summary, "cpu_ms", "p99"),
-      number(summary, "cpu_ms", "worst"));
+      number(summary, "beyond_3_sigma_longest_s"), number(summary, "cpu_ms", "mean"),
+      number(summary, "cpu_ms", "p99"), number(summary, "cpu_ms", "worst"));
   for (const io::Json& into : summary.at("into")) {
     std::printf(
         "  %4.0f s into %3d gaps: error %6.1f mm rms, worst %6.1f, sigma %6.1f; from the marker "
@@ -178,6 +194,12 @@ void print(const io::Json& summary, bool every_gap) {
       number(summary, "distance_off_mm", "rms"), number(summary, "distance_off_mm", "worst"));
   for (const io::Json& gap : summary.at("each")) {
     if (every_gap) printEach(gap);
+  }
+  for (const io::Json& beyond : summary.at("beyond")) {
+    if (!every_gap) break;
+    std::printf("    beyond 3 sigma from %.2f to %.2f s, at worst %.1f mm off%s\n",
+                number(beyond, "begin_s"), number(beyond, "end_s"), number(beyond, "worst_mm"),
+                beyond.at("by_markers").get<bool>() ? ", by markers" : "");
   }
   std::fflush(stdout);
 }

@@ -25,12 +25,20 @@ struct Gap {
   double begin_s = 0.0;  // of the last pose from markers
   double end_s = 0.0;    // of the last frame before the next one
   double way_m = 0.0;
-  std::array<std::optional<Carried>, kInto_s.size()> into;
-  std::optional<Carried> last;
-  double scale = 0.0;            // of the way since the beginning: estimated over true, less 1
-  std::optional<double> jump_m;  // at the next marker
+  std::array<std::optional<Carried>, kInto_s.size()> into{};
+  std::optional<Carried> last{};
+  double scale = 0.0;              // of the way since the beginning: estimated over true, less 1
+  std::optional<double> jump_m{};  // at the next marker
   int frames = 0;
   int posed = 0;
+};
+
+// Poses in a row whose NEES is above 9 * 6: 3 sigma in every coordinate.
+struct Beyond {
+  double begin_s = 0.0;
+  double end_s = 0.0;
+  double worst_m = 0.0;     // how far off the worst of them is
+  bool by_markers = false;  // all of them are from markers
 };
 
 // Of all runs of a scene.
@@ -40,6 +48,7 @@ struct GapReport {
   int frames = 0;              // since the first pose
   int posed = 0;
   int beyond_3_sigma = 0;  // frames
+  std::vector<Beyond> beyond;
   // Of the live maps at the end: the error of the distance between the two markers that are
   // farthest from each other.
   std::vector<double> distance_errors_mm;

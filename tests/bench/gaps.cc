@@ -75,7 +75,7 @@ class Follower {
     const Transform truth = T_w_scene * T_scene_c;
     const auto now =
         result.pose ? carried(*result.pose, truth, T_w_scene_by_marker * T_scene_c) : std::nullopt;
-    if (now && now->nees > 9.0 * 6.0) ++report_->beyond_3_sigma;
+    noteBeyond(time_s, now, result.pose && result.pose->source == slam::PoseSource::kMarkers);
     if (result.pose && result.pose->source == slam::PoseSource::kMarkers) {
       close(result.pose->T_w_c, truth);
       gap_ = Gap{.begin_s = time_s, .end_s = time_s};
@@ -91,6 +91,22 @@ class Follower {
     Transform estimate;
     Transform truth;
   };
+
+  void noteBeyond(double time_s, const std::optional<Carried>& now, bool by_markers) {
+    if (!now || !(now->nees > 9.0 * 6.0)) {
+      is_beyond_ = false;
+      return;
+    }
+    ++report_->beyond_3_sigma;
+    if (!is_beyond_) {
+      report_->beyond.push_back({.begin_s = time_s, .by_markers = true});
+    }
+    is_beyond_ = true;
+    Beyond& beyond = report_->beyond.back();
+    beyond.end_s = time_s;
+    beyond.worst_m = std::max(beyond.worst_m, now->error_m);
+    beyond.by_markers = beyond.by_markers && by_markers;
+  }
 
   void extend(double time_s, const slam::FrameResult& result, const Transform& truth,
               const std::optional<Carried>& now) {
@@ -121,6 +137,7 @@ class Follower {
   }
 
   GapReport* report_;
+  bool is_beyond_ = false;
   std::optional<Gap> gap_;
   Place start_;   // the last pose from markers
   Place before_;  // the frame before
@@ -176,7 +193,10 @@ Status runOnce(const Arguments& arguments, const std::string& scene, std::uint64
 
   const slam::Calibration& lens = simulation.camera();
   std::vector<std::uint8_t> pixels;
-  KeptFrames frames(simulation, arguments.keep);
+  // Another way of the camera: other frames.
+  const bool keeps = !arguments.keep.empty();
+  KeptFrames frames(
+      simulation, keeps && arguments.there_and_back ? arguments.keep + "/closed" : arguments.keep);
   Follower follower(report);
   std::optional<Transform> T_w_scene;
   int last_marker = -1;
