@@ -56,16 +56,21 @@ Daemon::Daemon(DaemonParts parts, const ReloadSignal& reload_signal, Log& log)
       housekeeper_(frames_, output_, health_, service_, log_,
                    {.watchdog_ns = ServiceManager::watchdogNs()}),
       maps_(parts_.configuration.slam, parts_.camera.calibration, requests_, output_, log_),
+      preview_link_(parts_.camera.calibration.width, parts_.camera.calibration.height),
+      preview_(preview_link_, parts_.configuration.publish.url,
+               parts_.configuration.publish.channel_prefix + "PREVIEW", log_),
       controller_({.log = log_,
                    .publisher = publisher_,
                    .maps = maps_,
                    .slam = output_,
                    .service = service_,
+                   .preview = preview_link_,
                    .recorder = parts_.recorder.get()},
                   parts_.configuration, parts_.configuration_file) {
   wireHousekeeping();
   wireRecorder();
   wireRelocalizer();
+  slam_loop_.setPreview(&preview_link_);
   wireCounters();
 }
 
@@ -108,6 +113,7 @@ void Daemon::wireCounters() {
   };
   add(&maps_);
   add(&controller_);
+  add(&preview_);
   add(parts_.control.get());
   add(parts_.recorder.get());
   if (relocalizer_) add(&relocalizer_->loop);
@@ -170,6 +176,10 @@ void Daemon::startThreads() {
       relocalizer_->loop.run();
     });
   }
+  preview_thread_ = start("wm-preview", {}, [this] {
+    if (const Status s = lowerPriority("wm-preview"); !s) reportRejected(s.error());
+    preview_.run();
+  });
   housekeeping_thread_ = start("wm-housekeeping", {}, [this] { housekeeper_.run(); });
 }
 
@@ -181,6 +191,8 @@ std::optional<Daemon::Failure> Daemon::stopThreads() {
     relocalizer_->link.requestStop();
     relocalizer_thread_.join();
   }
+  preview_link_.requestStop();
+  preview_thread_.join();
   publisher_thread_.join();
   if (parts_.recorder) {
     parts_.recorder->requestStop();

@@ -10,6 +10,7 @@
 //        '--- [frames] ------------> recorder thread <------------- [messages] ----------'
 //
 //   SLAM thread <--> [one image, what was found in it] <--> relocalizer thread
+//        '---> [one image, while somebody asks] ---> preview thread --> LCM
 //
 // The main thread only waits. A stop travels the same way as a frame: capture closes its queue, the
 // SLAM loop empties it, the publisher sends what is left, the recorder writes it down, the map is
@@ -41,6 +42,8 @@
 #include "daemon/natural/natural_setup.h"
 #include "daemon/natural/relocalizer_link.h"
 #include "daemon/natural/relocalizer_loop.h"
+#include "daemon/preview/preview_link.h"
+#include "daemon/preview/preview_loop.h"
 #include "daemon/publish/publisher.h"
 #include "daemon/record/recorder.h"
 #include "daemon/system/housekeeper.h"
@@ -111,6 +114,8 @@ class Daemon {
   Publisher publisher_;
   Housekeeper housekeeper_;
   MapWorker maps_;
+  PreviewLink preview_link_;
+  PreviewLoop preview_;
   Controller controller_;
   std::unique_ptr<Relocalizer> relocalizer_;  // null: there are no natural markers
 
@@ -120,6 +125,7 @@ class Daemon {
   std::thread recorder_thread_;
   std::thread map_thread_;
   std::thread relocalizer_thread_;
+  std::thread preview_thread_;
   std::thread housekeeping_thread_;
 };
 

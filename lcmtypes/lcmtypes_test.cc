@@ -11,6 +11,7 @@
 #include <waymark/joint_t.hpp>
 #include <waymark/map_t.hpp>
 #include <waymark/pose_t.hpp>
+#include <waymark/preview_t.hpp>
 
 namespace waymark {
 namespace {
@@ -47,12 +48,34 @@ TEST(LcmTypes, BotCoreHashesAreTheOnesSubscribersKnow) {
 TEST(LcmTypes, OurOwnHashesChangeOnPurposeOnly) {
   EXPECT_EQ(static_cast<std::uint64_t>(pose_t::getHash()), 0xa3e50267be6a9996ULL);
   EXPECT_EQ(static_cast<std::uint64_t>(map_t::getHash()), 0x2d849061eccebf26ULL);
+  EXPECT_EQ(static_cast<std::uint64_t>(preview_t::getHash()), 0xb54277ce33c4b8f5ULL);
 }
 
 TEST(LcmTypes, BotCorePixelFormatsSpellTheirCodes) {
   const auto code = [](const char(&s)[5]) { return s[0] | s[1] << 8 | s[2] << 16 | s[3] << 24; };
   EXPECT_EQ(bot_core::image_t::PIXEL_FORMAT_GRAY, code("GREY"));
   EXPECT_EQ(bot_core::image_t::PIXEL_FORMAT_MJPEG, code("MJPG"));
+}
+
+TEST(LcmTypes, PreviewRoundTrip) {
+  preview_t a{};
+  a.utime = 1'700'000'000'000'001;
+  a.monotonic_ns = 42;
+  a.sequence = 7;
+  a.width = 1280;
+  a.height = 720;
+  a.rejected_count = 2;
+  a.rejected_px = {{{1, 2}, {3, 4}, {5, 6}, {7, 8}}, {{-1, -2}, {3.5, 4}, {5, 6}, {7, 8.25}}};
+  a.size = 3;
+  a.jpeg = {0xff, 0xd8, 0x00};
+  const preview_t b = throughTheWire(a);
+  EXPECT_EQ(a.utime, b.utime);
+  EXPECT_EQ(a.monotonic_ns, b.monotonic_ns);
+  EXPECT_EQ(a.sequence, b.sequence);
+  EXPECT_EQ(a.width, b.width);
+  EXPECT_EQ(a.height, b.height);
+  EXPECT_EQ(a.rejected_px, b.rejected_px);
+  EXPECT_EQ(a.jpeg, b.jpeg);
 }
 
 TEST(LcmTypes, PoseRoundTrip) {

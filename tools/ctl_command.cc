@@ -181,6 +181,7 @@ void addCtlCommand(CLI::App& app, int* exit_code) {
       ->add_option("ACTION", options->action, "start or stop")
       ->required()
       ->check(CLI::IsMember({"start", "stop"}));
+  add("preview", "Have WAYMARK_PREVIEW sent for five seconds: small images, for people", none);
   add("reload", "Read the configuration again, as on SIGHUP", none);
   add("set-log-level", "Change what the daemon logs, until it is restarted or reloaded",
       [options](Json* request) { (*request)["level"] = options->level; })

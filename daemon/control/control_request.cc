@@ -81,13 +81,14 @@ ControlRequest plain(Reader* /*reader*/) {
   return Request{};
 }
 
-const std::array<Command, 7>& commands() {
-  static const std::array<Command, 7> kCommands = {{
+const std::array<Command, 8>& commands() {
+  static const std::array<Command, 8> kCommands = {{
       {"status", "", plain<StatusRequest>},
       {"save-map", "", plain<SaveMapRequest>},
       {"load-map", "file", readLoadMap},
       {"reset", "", plain<ResetRequest>},
       {"record", "action", readRecord},
+      {"preview", "", plain<PreviewRequest>},
       {"reload", "", plain<ReloadRequest>},
       {"set-log-level", "level", readLogLevel},
   }};

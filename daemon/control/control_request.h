@@ -19,13 +19,15 @@ struct ResetRequest {};
 struct RecordRequest {
   bool start = true;  // else stop
 };
+struct PreviewRequest {};  // for some seconds
 struct ReloadRequest {};
 struct SetLogLevelRequest {
   LogLevel level = LogLevel::kInfo;
 };
 
 using ControlRequest = std::variant<StatusRequest, SaveMapRequest, LoadMapRequest, ResetRequest,
-                                    RecordRequest, ReloadRequest, SetLogLevelRequest>;
+                                    RecordRequest, PreviewRequest, ReloadRequest,
+                                    SetLogLevelRequest>;
 
 // {"command":"load-map","file":"/var/lib/waymark/map.json"} and the like; docs/control.md lists
 // them. Unknown commands and keys, missing ones and wrong values are errors that name them.

@@ -45,7 +45,7 @@ TEST(ControlRequest, ErrorsNameWhatIsWrong) {
   EXPECT_EQ(errorOf(R"({"command":1})"), "command: must be text");
   EXPECT_EQ(errorOf(R"({"command":"fly"})"),
             "command: \"fly\" is not known; known are status, save-map, load-map, reset, record, "
-            "reload, set-log-level");
+            "preview, reload, set-log-level");
   EXPECT_EQ(errorOf(R"({"command":"status","file":"/m"})"), "status: file: unknown key");
   EXPECT_EQ(errorOf(R"({"command":"load-map","file":"m"})"),
             "load-map: file: must be an absolute path");

@@ -117,6 +117,14 @@ Controller::Reply Controller::execute(const RecordRequest& request,
   return success();
 }
 
+Controller::Reply Controller::execute(const PreviewRequest& /*request*/,
+                                      ControlServer::ClientId /*client*/) {
+  parts_.preview.ask(monotonicNs());
+  Json reply = success();
+  reply["lease_s"] = 1e-9 * static_cast<double>(PreviewLink::kLease_ns);
+  return reply;
+}
+
 Controller::Reply Controller::execute(const ReloadRequest& /*request*/,
                                       ControlServer::ClientId /*client*/) {
   const Result<Reloaded> reloaded = reload();

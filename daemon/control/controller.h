@@ -19,6 +19,7 @@
 #include "daemon/frames/slam_loop.h"
 #include "daemon/health/counter_source.h"
 #include "daemon/maps/map_worker.h"
+#include "daemon/preview/preview_link.h"
 #include "daemon/publish/publisher.h"
 #include "daemon/record/recorder.h"
 #include "daemon/system/log.h"
@@ -38,6 +39,7 @@ class Controller {
     MapWorker& maps;
     const SlamOutput& slam;
     const ServiceManager& service;
+    PreviewLink& preview;
     Recorder* recorder = nullptr;  // may be null
   };
 
@@ -72,6 +74,7 @@ class Controller {
   Reply execute(const LoadMapRequest& request, ControlServer::ClientId client);
   Reply execute(const ResetRequest& request, ControlServer::ClientId client);
   Reply execute(const RecordRequest& request, ControlServer::ClientId client);
+  Reply execute(const PreviewRequest& request, ControlServer::ClientId client);
   Reply execute(const ReloadRequest& request, ControlServer::ClientId client);
   Reply execute(const SetLogLevelRequest& request, ControlServer::ClientId client);
 

@@ -68,9 +68,10 @@ class ControllerTest : public testing::MapWorkerFixture {
     start(std::move(map));
     publisher_ = std::make_unique<Publisher>(read->publish, BodyMotion::Options{}, "4X4_50",
                                              output_, camera_status_, frames_, health_, own_log_);
-    controller_ = std::make_unique<Controller>(
-        Controller::Parts{own_log_, *publisher_, *worker_, output_, service_, recorder_.get()},
-        *read, configuration_file_);
+    controller_ =
+        std::make_unique<Controller>(Controller::Parts{own_log_, *publisher_, *worker_, output_,
+                                                       service_, preview_, recorder_.get()},
+                                     *read, configuration_file_);
     auto opened = ControlServer::open(directory_ / "control.sock");
     ASSERT_TRUE(opened) << opened.error().message;
     server_ = std::move(opened).value();
@@ -118,6 +119,7 @@ class ControllerTest : public testing::MapWorkerFixture {
   Log own_log_{LogLevel::kError, false};
   const ServiceManager service_{};
   TripleBuffer<health_t> health_;
+  PreviewLink preview_{4, 2};
   std::unique_ptr<Recorder> recorder_;
   std::thread recorder_thread_;
   std::unique_ptr<Publisher> publisher_;
@@ -173,6 +175,19 @@ TEST_F(ControllerTest, NamesThatAreNoTextAreToldAllTheSame) {
   health.camera_reason = "/dev/\xff: gone";
   controller_->setHealth(health);
   EXPECT_EQ(askFor("status")["camera"]["reason"], "/dev/\xEF\xBF\xBD: gone");
+}
+
+// --- Preview -------------------------------------------------------------------------------------
+
+TEST_F(ControllerTest, ImagesAreWantedForSomeSecondsAfterEachRequest) {
+  ASSERT_NO_FATAL_FAILURE(begin({}));
+  EXPECT_FALSE(preview_.wanted(monotonicNs()));
+  const Json reply = askFor("preview");
+  EXPECT_EQ(reply["ok"], true);
+  const double lease_s = reply["lease_s"];
+  EXPECT_GT(lease_s, 1.0);
+  EXPECT_TRUE(preview_.wanted(monotonicNs()));
+  EXPECT_FALSE(preview_.wanted(monotonicNs() + static_cast<std::int64_t>(1e9 * lease_s)));
 }
 
 // --- Maps ----------------------------------------------------------------------------------------

@@ -85,6 +85,11 @@ class NewestWinsQueue {
            read_.load(std::memory_order_acquire) == write_.load(std::memory_order_acquire);
   }
 
+  // Consumer: nothing waits at this moment.
+  [[nodiscard]] bool empty() const {
+    return read_.load(std::memory_order_acquire) == write_.load(std::memory_order_acquire);
+  }
+
   // Any thread: lets a consumer that waits look around, and see what else there is to do.
   void wake() {
     woken_.store(true, std::memory_order_release);

@@ -80,6 +80,15 @@ void SlamLoop::process(const capture::Frame& frame) {
   }
   handOnMapWhenDue(stamp);
   last_stamp_ = stamp;
+  givePreviewWhenDue(input, result);
+}
+
+// With the pose handed on already, and only while no other frame waits for its own.
+void SlamLoop::givePreviewWhenDue(const slam::FrameInput& input, const slam::FrameResult& result) {
+  if (preview_ == nullptr || !input.image || !frames_.empty()) return;
+  const std::int64_t now_ns = monotonicNs();
+  if (!preview_->wanted(now_ns)) return;
+  preview_->give(last_stamp_, *input.image, result.detections, now_ns);
 }
 
 void SlamLoop::record(const capture::FrameStamp& stamp, const slam::FrameInput& input,

@@ -16,6 +16,7 @@
 #include "daemon/frames/stage_clock.h"
 #include "daemon/frames/triple_buffer.h"
 #include "daemon/natural/relocalizer_link.h"
+#include "daemon/preview/preview_link.h"
 #include "slam/slam.h"
 
 namespace waymark::daemon {
@@ -60,6 +61,9 @@ class SlamLoop {
   // Who looks for natural markers in its frames; must outlive it. Before run().
   void setRelocalizer(RelocalizerLink* relocalizer) { relocalizer_ = relocalizer; }
 
+  // Who makes small images of its frames; must outlive it. Before run().
+  void setPreview(PreviewLink* preview) { preview_ = preview; }
+
   // The thread's body. Returns when the queue is closed and empty. Comes round with every frame,
   // and when the queue is woken.
   void run();
@@ -75,6 +79,7 @@ class SlamLoop {
   void record(const capture::FrameStamp& stamp, const slam::FrameInput& input,
               const slam::FrameResult& result, std::int64_t processing_ns);
   void recordLens();
+  void givePreviewWhenDue(const slam::FrameInput& input, const slam::FrameResult& result);
   void countMapChange();
   void reportMapSize(const MapSnapshot& snapshot, std::size_t pieces);
   static void addTo(MapSnapshot* snapshot, const slam::Map& piece);
@@ -91,6 +96,7 @@ class SlamLoop {
   SlamOutput& output_;
   const Options options_;
   RelocalizerLink* relocalizer_ = nullptr;  // null: there are no natural markers
+  PreviewLink* preview_ = nullptr;          // null: nobody does
   StageClock clock_{&output_.alive_ns};
   FrameRecord record_;
   capture::FrameStamp last_stamp_;
