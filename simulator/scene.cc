@@ -136,6 +136,22 @@ const std::vector<SceneKind>& kinds() {
        6,
        false,
        buildTableFiducials},
+      {{"board", "a board for calibration (waymark print board's), from all sides"},
+       kVga,
+       10.0,
+       30.0,
+       0.018,
+       0,
+       false,
+       buildBoard},
+      {{"chessboard", "the same without markers: a plain chessboard of 7 x 10 squares of 25 mm"},
+       kVga,
+       10.0,
+       30.0,
+       0.018,
+       0,
+       false,
+       buildChessboard},
   };
   return all;
 }

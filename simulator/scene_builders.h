@@ -1,7 +1,7 @@
 // What the scenes' builders share. One file per family of scenes: scene_rooms.cc, scene_lab.cc,
 // scene_objects.cc, scene_dolly.cc, scene_corridor.cc, scene_office.cc, scene_trouble.cc,
-// scene_table.cc, scene_building.cc. What corridor, office, trouble and table furnish their rooms
-// with: furniture.h.
+// scene_table.cc, scene_board.cc, scene_building.cc. What corridor, office, trouble and table
+// furnish their rooms with: furniture.h.
 #pragma once
 
 #include <cstdint>
@@ -63,6 +63,8 @@ void buildTrouble(const Build& build);
 void buildTable(const Build& build);
 void buildTableFiducials(const Build& build);
 void buildBuilding(const Build& build);
+void buildBoard(const Build& build);
+void buildChessboard(const Build& build);
 
 // A rectangle that faces `normal`, with `up` (perpendicular to it) as its y axis.
 [[nodiscard]] Surface makeSurface(const Eigen::Vector3d& centre, const Eigen::Vector3d& normal,

@@ -19,6 +19,7 @@ constexpr double kLargest_m = 100.0;
 
 // Whether there is a marker at a place of the grid.
 bool hasMarker(const BoardOptions& options, int row, int column) {
+  if (options.kind == BoardKind::kChessboard) return false;
   return options.kind == BoardKind::kMarkers || (row + column) % 2 != 0;
 }
 
@@ -32,19 +33,22 @@ Eigen::Vector3d centreOf(const BoardOptions& options, int row, int column) {
 
 int BoardOptions::markerCount() const {
   const int places = columns * rows;
+  if (kind == BoardKind::kChessboard) return 0;
   return kind == BoardKind::kCharuco ? places / 2 : places;
 }
 
 std::string BoardOptions::invalidReason() const {
-  const int fewest = kind == BoardKind::kCharuco ? 3 : 1;
+  const bool chessboard = kind == BoardKind::kChessboard;
+  const int fewest = chessboard ? 4 : (kind == BoardKind::kCharuco ? 3 : 1);
   const std::string range =
       "must be " + std::to_string(fewest) + " to " + std::to_string(kMaxSquares);
   if (columns < fewest || columns > kMaxSquares) return "columns: " + range;
   if (rows < fewest || rows > kMaxSquares) return "rows: " + range;
-  if (markerCount() < 2) return "a board has at least two markers";
+  if (!chessboard && markerCount() < 2) return "a board has at least two markers";
   if (!(square_size_m > 0.0 && square_size_m <= kLargest_m)) {
     return "square size: must be a positive number of metres, at most 100";
   }
+  if (chessboard) return {};
   if (!(marker_size_m > 0.0 && marker_size_m < square_size_m)) {
     return "marker size: must be positive and smaller than the square size";
   }
@@ -60,6 +64,11 @@ std::string BoardOptions::invalidReason() const {
 
 std::string describeBoard(const BoardOptions& o) {
   char text[160];
+  if (o.kind == BoardKind::kChessboard) {
+    std::snprintf(text, sizeof text, "Chessboard %dx%d, squares %.6g mm", o.columns, o.rows,
+                  1000.0 * o.square_size_m);
+    return text;
+  }
   const bool charuco = o.kind == BoardKind::kCharuco;
   std::snprintf(text, sizeof text, "%s %dx%d, %s %.6g mm, markers %.6g mm, %s from id %d",
                 charuco ? "ChArUco" : "Markers", o.columns, o.rows, charuco ? "squares" : "spacing",
@@ -84,11 +93,17 @@ Board::Board(const BoardOptions& options) : dictionary_(options.dictionary) {
     takeMarkerCorners();
     return;
   }
+  if (options.kind == BoardKind::kChessboard) {
+    dictionary_ = BoardOptions{}.dictionary;  // any: nothing of it is looked at
+    chess_columns_ = options.columns;
+    chess_rows_ = options.rows;
+  }
   clearance_m_ = 0.5 * (options.square_size_m - options.marker_size_m);
   for (int row = 1; row < options.rows; ++row) {
     for (int column = 1; column < options.columns; ++column) {
       points_.emplace_back(
           0.5 * (centreOf(options, row - 1, column - 1) + centreOf(options, row, column)));
+      if (options.kind == BoardKind::kChessboard) continue;
       // Of the four squares that meet here, two on a diagonal are white.
       const bool falling = hasMarker(options, row, column);
       neighbours_.push_back({at.at({row - 1, falling ? column - 1 : column}),

@@ -18,6 +18,10 @@ enum class BoardKind {
   kCharuco,
   // Markers in a grid, ids row by row. Their corners are measured.
   kMarkers,
+  // A plain chessboard, the top-left square black. Its inner corners are measured, where all of it
+  // is
+  // in view.
+  kChessboard,
 };
 
 struct BoardOptions {
@@ -69,6 +73,10 @@ class Board {
   // From a chessboard corner to the nearest marker, along x and y, metres.
   [[nodiscard]] double clearance_m() const { return clearance_m_; }
 
+  // Squares of a plain chessboard; else 0.
+  [[nodiscard]] int chessColumns() const { return chess_columns_; }
+  [[nodiscard]] int chessRows() const { return chess_rows_; }
+
   [[nodiscard]] bool isCharuco() const { return !neighbours_.empty(); }
 
  private:
@@ -80,6 +88,8 @@ class Board {
   std::vector<Eigen::Vector3d> points_;
   std::vector<std::array<std::size_t, 2>> neighbours_;
   double clearance_m_ = 0.0;
+  int chess_columns_ = 0;
+  int chess_rows_ = 0;
 };
 
 }  // namespace waymark::calibration

@@ -9,6 +9,7 @@
 
 #include "slam/geometry/homography.h"
 #include "slam/geometry/robust.h"
+#include "tools/calibration/chess_corners.h"
 #include "tools/calibration/plane_homography.h"
 
 namespace waymark::calibration {
@@ -167,6 +168,11 @@ std::vector<BoardPoint> BoardDetector::chessPoints(const std::vector<Seen>& seen
 }
 
 std::optional<BoardView> BoardDetector::detect(const ImageView& image) {
+  if (board_.chessColumns() > 0) {
+    BoardView chess = findChessCorners(image, board_.chessColumns(), board_.chessRows(), options_);
+    if (chess.points.size() < options_.min_points) return std::nullopt;
+    return chess;
+  }
   std::vector<Seen> seen = seenMarkers(image);
   removeStrays(&seen);
   BoardView board_view;

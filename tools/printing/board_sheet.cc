@@ -55,7 +55,13 @@ Result<PdfPage> boardSheet(const calibration::BoardOptions& board, const PageOpt
   PdfPage page = emptyPage(turned);
   const double left = area.left + 0.5 * (area.width - extent.width_mm);
   const double top = area.top;
-  if (board.kind == calibration::BoardKind::kCharuco) addSquares(board, left, top, &page);
+  const bool chessboard = board.kind == calibration::BoardKind::kChessboard;
+  if (chessboard || board.kind == calibration::BoardKind::kCharuco)
+    addSquares(board, left, top, &page);
+  if (chessboard) {
+    addFooter(turned, calibration::describeBoard(board), &page);
+    return page;
+  }
   const slam::Dictionary dictionary = *slam::Dictionary::byName(board.dictionary);
   const calibration::Board layout(board);
   const auto& first = layout.markers().front().corners.front();
