@@ -19,6 +19,7 @@
 #include <nlohmann/json.hpp>
 #include <opencv2/core.hpp>
 #include <opencv2/imgcodecs.hpp>
+#include <poll.h>
 
 #include "base/clock.h"
 #include "tests/browser.h"
@@ -320,6 +321,83 @@ TEST_F(ViewTest, ButtonsDoWhatTheySay) {
   EXPECT_TRUE(browser->errors().empty()) << browser->errors().front();
 }
 
+// Of a real daemon: only while somebody looks, with what was found in the same frame.
+TEST_F(ViewTest, TheLiveImageStandsUnderWhatWasFoundInIt) {
+  const auto browser = Browser::start(directory_.path());
+  if (!browser) GTEST_SKIP() << "no chromium";
+  browser->resize(400, 300, false);  // a small map leaves the daemon some of the processor
+  start(configuration());
+  view();
+  EXPECT_EQ(counter("preview.sent"), 0) << "nobody looks";
+  browser->open(address());
+  const std::string image = "document.getElementById('image')";
+  EXPECT_TRUE(browser->becomes("Number(" + image + ".dataset.image) > 0", 60));
+  // Light paper: there is more in it than markers alone.
+  EXPECT_TRUE(browser->becomes(
+      "(() => { const p = " + image + ".getContext('2d').getImageData(0, 0, " + image + ".width, " +
+      image +
+      ".height).data; let n = 0; for (let i = 0; i < p.length; i += 4) "
+      "if (p[i + 3] === 255 && p[i] > 60) ++n; return n > 0.5 * p.length / 4; })()"));
+  EXPECT_TRUE(
+      browser->becomes("document.getElementById('image-text').textContent.includes("
+                       "'residual in pixels')"));
+  EXPECT_TRUE(eventually([&] { return counter("preview.sent") >= 5; }));
+  EXPECT_TRUE(browser->errors().empty()) << browser->errors().front();
+}
+
+// What is over: results of a run with the truth, and a recording of a daemon.
+TEST_F(ViewTest, ResultsAndRecordingsAreShownWithATimeLine) {
+  const auto browser = Browser::start(directory_.path());
+  if (!browser) GTEST_SKIP() << "no chromium";
+  browser->resize(500, 400, false);
+  const std::string scene = (directory_ / "walls").string();
+  const std::string result = (directory_ / "result").string();
+  ASSERT_EQ(runProgram({WAYMARK_PROGRAM, "simulate", "walls", "--out", scene, "--duration", "2",
+                        "--fps", "15", "--size", "320x240", "--quiet"})
+                .exit_code,
+            0);
+  ASSERT_EQ(runProgram({WAYMARK_PROGRAM, "run", scene + "/frames.avi", "--calibration",
+                        scene + "/calib.yml", "--dictionary", "ARUCO_MIP_36h12", "--marker-size",
+                        "0.123", "--out", result, "--quiet"})
+                .exit_code,
+            0);
+  view({result, "--truth", scene + "/gt_traj.txt"});
+  browser->open(address());
+  EXPECT_TRUE(browser->becomes("WaymarkScene.counts().tracks === 3"));
+  EXPECT_TRUE(browser->becomes("WaymarkScene.counts().markers > 10"));
+  EXPECT_TRUE(browser->becomes(
+      "document.getElementById('offline-errors').textContent.includes('ATE, live')"));
+  EXPECT_EQ(browser->evaluate("document.getElementById('buttons').offsetParent"), nullptr)
+      << "there is no daemon to tell anything";
+  // The pose that is shown is the one of the time.
+  const std::string time = "document.getElementById('time')";
+  const std::string position = "document.getElementById('pose').textContent";
+  EXPECT_TRUE(browser->becomes(position + ".includes('0.000  0.000')"));
+  browser->evaluate(time + ".value = 1.5; " + time + ".dispatchEvent(new Event('input'))");
+  EXPECT_TRUE(browser->becomes(position + ".includes('Frame22')"));
+  browser->press(" ");
+  EXPECT_TRUE(browser->becomes("WaymarkOffline.time() > 1.8"));
+  EXPECT_TRUE(browser->errors().empty()) << browser->errors().front();
+  view_->signal(SIGTERM);
+  EXPECT_EQ(view_->wait(milliseconds(5000)), 0);
+
+  start(configuration("", "[record]\ndirectory = 'logs'\n"));
+  std::this_thread::sleep_for(milliseconds(3000));
+  daemon_->signal(SIGTERM);
+  EXPECT_EQ(daemon_->wait(milliseconds(20'000)), 0);
+  const fs::path log = *fs::directory_iterator(directory_ / "logs");
+  port_ = 0;
+  view({log.string()});
+  browser->open(address());
+  EXPECT_TRUE(browser->becomes("WaymarkScene.counts().segments > 20"));
+  EXPECT_TRUE(browser->becomes("Number(document.getElementById('image').dataset.image) > 0"));
+  EXPECT_TRUE(browser->becomes("WaymarkScene.counts().markers > 2"));
+  browser->evaluate(time + ".value = 1; " + time + ".dispatchEvent(new Event('change'))");
+  browser->evaluate("document.getElementById('play').click()");
+  EXPECT_TRUE(browser->becomes("WaymarkOffline.time() > 0.9"));
+  EXPECT_TRUE(browser->errors().empty()) << browser->errors().front();
+}
+
 TEST_F(ViewTest, CommandsOfAPageReachTheDaemon) {
   start(configuration());
   view({"--allow-control"});
@@ -427,6 +505,34 @@ TEST_F(ViewTest, OthersNeedTheToken) {
 }
 
 // Sixteen that read, one that does not, and as many as there are places.
+TEST_F(ViewTest, APageThatSaysWhenItIsReadyGetsNoMoreBeforeThat) {
+  view();
+  const PretendedDaemon daemon(url_, "TEST_");
+  boost::asio::io_context io;
+  const auto socket = look(io);
+  const auto readable = [&] {
+    pollfd waiting{socket->next_layer().native_handle(), POLLIN, 0};
+    return poll(&waiting, 1, 500) > 0;
+  };
+  const auto readAll = [&] {
+    int messages = 0;
+    while (readable()) {
+      beast::flat_buffer buffer;
+      socket->read(buffer);
+      if (++messages > 100) break;
+    }
+    return messages;
+  };
+  const std::string more = R"({"command":"more"})";
+  socket->write(boost::asio::buffer(more));
+  EXPECT_LT(readAll(), 60) << "it comes to an end";
+  EXPECT_FALSE(readable()) << "poses come all the time, and wait";
+  socket->write(boost::asio::buffer(more));
+  const int again = readAll();
+  EXPECT_GE(again, 1);
+  EXPECT_LE(again, 8) << "each part once at most";
+}
+
 TEST_F(ViewTest, ASlowClientCostsItselfOnly) {
   view();
   const PretendedDaemon daemon(url_, "TEST_", 150.0);

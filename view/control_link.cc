@@ -73,12 +73,15 @@ Result<Json> ControlLink::ask(const Json& request, int timeout_s) const {
 }
 
 void ControlLink::askStatus() {
-  boost::asio::post(asker_, [this] {
+  const bool looked_at = looked_at_ && looked_at_();
+  boost::asio::post(asker_, [this, looked_at] {
+    // Good for some seconds, and asked for again until then.
+    if (looked_at) (void)ask({{"command", "preview"}}, 2);
     const Result<Json> reply = ask({{"command", "status"}}, 2);
     Json status = reply && reply->value("ok", false) ? shortStatus(*reply) : Json();
     boost::asio::post(io_, [this, status = std::move(status)]() mutable {
       state_.setControl(std::move(status));
-      pause_.expires_after(std::chrono::seconds(2));
+      pause_.expires_after(std::chrono::seconds(1));
       pause_.async_wait([this](const boost::system::error_code& stopped) {
         if (!stopped) askStatus();
       });

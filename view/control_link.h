@@ -5,6 +5,7 @@
 #include <filesystem>
 #include <functional>
 #include <string>
+#include <utility>
 
 #include <boost/asio/io_context.hpp>
 #include <boost/asio/steady_timer.hpp>
@@ -29,7 +30,10 @@ class ControlLink {
   ControlLink(const ControlLink&) = delete;
   ControlLink& operator=(const ControlLink&) = delete;
 
-  // Asks for the status now, and every two seconds.
+  // Whether somebody looks, who would like to see images. Before start().
+  void setLookedAt(std::function<bool()> looked_at) { looked_at_ = std::move(looked_at); }
+
+  // Asks for the status now, and every second.
   void start() { askStatus(); }
 
   // `answer` gets {"type":"answer", "ok", "result" or "error"}.
@@ -42,6 +46,7 @@ class ControlLink {
   boost::asio::io_context& io_;
   const std::filesystem::path socket_;
   LiveState& state_;
+  std::function<bool()> looked_at_;
   boost::asio::steady_timer pause_;
   boost::asio::thread_pool asker_{1};
 };

@@ -12,9 +12,10 @@
 namespace waymark::view {
 
 LcmInput::LcmInput(boost::asio::io_context& io, std::string url, std::string channel_prefix,
-                   LiveState& state)
+                   std::string body_channel, LiveState& state)
     : url_(std::move(url)),
       prefix_(std::move(channel_prefix)),
+      body_channel_(std::move(body_channel)),
       state_(state),
       readable_(io),
       pause_(io) {}
@@ -44,7 +45,7 @@ void LcmInput::retry(const std::string& fault) {
 
 // Anybody can send on a channel, and the generated code throws on impossible lengths.
 template <typename Message>
-bool LcmInput::subscribe(const char* name) {
+bool LcmInput::subscribe(const std::string& channel) {
   const auto receive = [](const lcm_recv_buf_t* buffer, const char*, void* self) {
     LiveState& state = static_cast<LcmInput*>(self)->state_;
     Message message{};
@@ -56,16 +57,17 @@ bool LcmInput::subscribe(const char* name) {
     }
     state.add(message, monotonicNs());
   };
-  lcm_subscription_t* subscription =
-      lcm_subscribe(lcm_.get(), (prefix_ + name).c_str(), receive, this);
+  lcm_subscription_t* subscription = lcm_subscribe(lcm_.get(), channel.c_str(), receive, this);
   if (subscription == nullptr) return false;
   lcm_subscription_set_queue_capacity(subscription, 300);
   return true;
 }
 
 Status LcmInput::subscribeAll() {
-  const bool all = subscribe<pose_t>("POSE") && subscribe<map_t>("MAP") &&
-                   subscribe<health_t>("HEALTH") && subscribe<detections_t>("DETECTIONS");
+  const bool all =
+      subscribe<pose_t>(prefix_ + "POSE") && subscribe<map_t>(prefix_ + "MAP") &&
+      subscribe<health_t>(prefix_ + "HEALTH") && subscribe<detections_t>(prefix_ + "DETECTIONS") &&
+      subscribe<preview_t>(prefix_ + "PREVIEW") && subscribe<bot_core::pose_t>(body_channel_);
   if (!all) return Error{prefix_ + "...: cannot subscribe"};
   return success();
 }

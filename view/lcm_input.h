@@ -18,7 +18,7 @@ class LcmInput {
  public:
   // All of them must outlive it.
   LcmInput(boost::asio::io_context& io, std::string url, std::string channel_prefix,
-           LiveState& state);
+           std::string body_channel, LiveState& state);
 
   void start() { open(); }
 
@@ -32,10 +32,11 @@ class LcmInput {
   void waitForMessages();
   void retry(const std::string& fault);
   template <typename Message>
-  [[nodiscard]] bool subscribe(const char* name);
+  [[nodiscard]] bool subscribe(const std::string& channel);
 
   const std::string url_;
   const std::string prefix_;
+  const std::string body_channel_;
   LiveState& state_;
   std::unique_ptr<lcm_t, LcmClose> lcm_;
   boost::asio::posix::stream_descriptor readable_;

@@ -7,6 +7,7 @@
 #include "daemon/health/health_json.h"
 #include "daemon/health/status_name.h"
 #include "slam/detection/codes/dictionary.h"
+#include "view/seen_markers.h"
 
 namespace waymark::view {
 namespace {
@@ -16,7 +17,8 @@ using io::Json;
 // A daemon says something every second.
 constexpr std::int64_t kGone_ns = 3'000'000'000;
 constexpr std::int64_t kHistogram_ns = 30'000'000'000;
-constexpr std::size_t kTrail = 20'000;  // points; then every second one goes
+constexpr std::size_t kTrail = 20'000;    // points; then every second one goes
+constexpr std::size_t kSeenFrames = 256;  // a preview comes within a second
 constexpr std::int32_t kMostPieces = 200;
 constexpr std::size_t kMostCounters = 1000;
 
@@ -96,17 +98,26 @@ void LiveState::setControl(Json status) {
   changed(Part::kControl);
 }
 
+void LiveState::setPlayback(Json playback) {
+  if (playback == playback_) return;
+  playback_ = std::move(playback);
+  changed(Part::kPlayback);
+}
+
 // Another daemon, or the same one started anew.
 void LiveState::forgetSession() {
   trail_.clear();
   pieces_.clear();
   map_.clear();
   latencies_ = {};
-  detections_.reset();
+  seen_.clear();
+  preview_.reset();
+  body_.reset();
   counters_before_.clear();
   poses_ = missing_ = 0;
   changed(Part::kMap);
   changed(Part::kDetections);
+  changed(Part::kPreview);
   changed(Part::kLink);
 }
 
@@ -185,8 +196,25 @@ void LiveState::add(const health_t& health, std::int64_t now_ns) {
 
 void LiveState::add(const detections_t& detections, std::int64_t now_ns) {
   heard_ns_ = now_ns;
-  detections_ = detections;
+  SeenFrame& frame = seen_.emplace_back();
+  frame.detections = detections;
+  if (pose_ && pose_->sequence == detections.sequence) frame.pose = pose_;
+  if (seen_.size() > kSeenFrames) seen_.pop_front();
   changed(Part::kDetections);
+}
+
+void LiveState::add(const preview_t& preview, std::int64_t now_ns) {
+  heard_ns_ = now_ns;
+  if (!isPlausible(preview)) return addMalformed();
+  preview_ = preview;
+  changed(Part::kPreview);
+}
+
+// Its pose is a part of the frame's.
+void LiveState::add(const bot_core::pose_t& body, std::int64_t now_ns) {
+  heard_ns_ = now_ns;
+  body_ = body;
+  changed(Part::kPose);
 }
 
 Json LiveState::link() const {
@@ -213,6 +241,9 @@ Json LiveState::pose() const {
     json["sigma_m"] = worstSigma(m.covariance, 0);
     json["sigma_rad"] = worstSigma(m.covariance, 3);
     json["ambiguity"] = m.ambiguity_ratio;
+  }
+  if (body_ && body_->utime == m.utime) {
+    json["body"] = {{"p", body_->pos}, {"q", body_->orientation}};
   }
   json["latency_ms"] = 1e-6 * static_cast<double>(m.latency_ns);
   json["frames"] = poses_;
@@ -267,14 +298,27 @@ Json LiveState::health() const {
   return json;
 }
 
+Json LiveState::markersOf(const SeenFrame& frame) const {
+  return seenMarkers(frame.detections, frame.pose ? &*frame.pose : nullptr,
+                     health_ ? &health_->lens : nullptr, map_);
+}
+
 Json LiveState::detections() const {
   Json json = {{"type", "detections"}, {"markers", Json::array()}};
-  if (!detections_) return json;
-  json["sequence"] = detections_->sequence;
-  json["seen"] = detections_->seen;
-  for (const detection_t& m : detections_->detections) {
-    json["markers"].push_back({{"id", m.id}, {"hamming", m.hamming}, {"corners", m.corners_px}});
-  }
+  if (seen_.empty()) return json;
+  json["sequence"] = seen_.back().detections.sequence;
+  json["seen"] = seen_.back().detections.seen;
+  json["markers"] = markersOf(seen_.back());
+  return json;
+}
+
+// With what was found in the same frame.
+Json LiveState::preview() const {
+  if (!preview_) return {{"type", "preview"}};
+  Json json = previewJson(*preview_);
+  const auto frame = std::ranges::find_if(
+      seen_, [&](const SeenFrame& seen) { return seen.detections.sequence == preview_->sequence; });
+  if (frame != seen_.end()) json["markers"] = markersOf(*frame);
   return json;
 }
 
@@ -290,8 +334,12 @@ Json LiveState::part(Part which) const {
       return health();
     case Part::kDetections:
       return detections();
+    case Part::kPreview:
+      return preview();
     case Part::kControl:
       return {{"type", "control"}, {"status", control_}};
+    case Part::kPlayback:
+      return playback_.is_null() ? Json{{"type", "playback"}} : playback_;
   }
   return {};
 }

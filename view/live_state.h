@@ -5,22 +5,35 @@
 #include <array>
 #include <cstddef>
 #include <cstdint>
+#include <deque>
 #include <map>
 #include <optional>
 #include <string>
 #include <vector>
+
+#include <bot_core/pose_t.hpp>
 
 #include "io/text/json_node.h"
 #include <waymark/detections_t.hpp>
 #include <waymark/health_t.hpp>
 #include <waymark/map_t.hpp>
 #include <waymark/pose_t.hpp>
+#include <waymark/preview_t.hpp>
 
 namespace waymark::view {
 
 // What changes together, and is sent together.
-enum class Part : std::size_t { kLink, kPose, kMap, kHealth, kDetections, kControl };
-inline constexpr std::size_t kParts = 6;
+enum class Part : std::size_t {
+  kLink,
+  kPose,
+  kMap,
+  kHealth,
+  kDetections,
+  kPreview,
+  kControl,
+  kPlayback
+};
+inline constexpr std::size_t kParts = 8;
 
 class LiveState {
  public:
@@ -29,11 +42,18 @@ class LiveState {
   void add(const map_t& piece, std::int64_t now_ns);
   void add(const health_t& health, std::int64_t now_ns);
   void add(const detections_t& detections, std::int64_t now_ns);
+  void add(const preview_t& preview, std::int64_t now_ns);
+  // Of the body that carries the camera.
+  void add(const bot_core::pose_t& body, std::int64_t now_ns);
   void addMalformed() { ++malformed_; }
   // What the daemon's control socket says; null: nobody answers there.
   void setControl(io::Json status);
   // Why nothing can be received at all; empty: something can.
   void setFault(const std::string& fault);
+  // Of a recording that is played: how far it is. Null: none is.
+  void setPlayback(io::Json playback);
+  // Nothing is gone, although nothing is heard.
+  void keepAlive(std::int64_t now_ns) { heard_ns_ = now_ns; }
   // Time passes: a daemon that says nothing any more is gone.
   void tick(std::int64_t now_ns);
 
@@ -51,6 +71,11 @@ class LiveState {
   [[nodiscard]] std::string metricsText() const;
 
  private:
+  // Of one of the last frames, for the preview that comes later.
+  struct SeenFrame {
+    detections_t detections;
+    std::optional<pose_t> pose;
+  };
   struct TrailPoint {
     std::array<float, 3> p;
     std::int8_t source;
@@ -65,6 +90,8 @@ class LiveState {
   [[nodiscard]] io::Json map() const;
   [[nodiscard]] io::Json health() const;
   [[nodiscard]] io::Json detections() const;
+  [[nodiscard]] io::Json preview() const;
+  [[nodiscard]] io::Json markersOf(const SeenFrame& frame) const;
   [[nodiscard]] io::Json part(Part which) const;
 
   std::array<std::uint64_t, kParts> versions_{};
@@ -87,8 +114,11 @@ class LiveState {
   std::map<std::int32_t, map_t> map_;     // the newest whole one
   std::optional<health_t> health_;
   std::map<std::string, std::int64_t> counters_before_;  // when this daemon was first heard
-  std::optional<detections_t> detections_;
+  std::deque<SeenFrame> seen_;  // of the last frames, the newest at the end
+  std::optional<preview_t> preview_;
+  std::optional<bot_core::pose_t> body_;
   io::Json control_;
+  io::Json playback_;
   std::vector<TrailPoint> trail_;
   std::int64_t trail_sequence_ = 0;
   std::int32_t trail_piece_ = 0;  // of the map, whose world the trail is in

@@ -5,6 +5,7 @@
 #include <cstdio>
 #include <filesystem>
 #include <memory>
+#include <optional>
 #include <string>
 #include <utility>
 
@@ -23,6 +24,8 @@
 #include "view/lcm_input.h"
 #include "view/live_state.h"
 #include "view/page_files.h"
+#include "view/playback.h"
+#include "view/result_view.h"
 #include "view/web_server.h"
 
 namespace waymark::view {
@@ -31,13 +34,17 @@ namespace {
 enum ExitCode { kDone = 0, kFault = 1, kBadInput = 2 };
 
 struct ViewArguments {
+  std::string source;  // results or a recording; empty: what a daemon publishes
+  std::string truth;
   std::string listen = "127.0.0.1";
   int port = 8787;
   std::string url = daemon::Configuration::Publish{}.url;
   std::string channel_prefix = daemon::Configuration::Publish{}.channel_prefix;
+  std::string pose_channel = daemon::Configuration::Publish{}.pose_channel;
   std::string socket;
   std::string token_file;
   bool allow_control = false;
+  bool no_image = false;
   std::string page = WAYMARK_VIEW_PAGE;
   std::string three = "/usr/share/javascript/three";
   std::string health = WAYMARK_VIEW_HEALTH;
@@ -70,16 +77,60 @@ Result<Access> accessOf(const ViewArguments& arguments) {
   return access;
 }
 
+// What is over: results of a run, or a recording.
+class Offline {
+ public:
+  static Result<std::unique_ptr<Offline>> open(const ViewArguments& arguments) {
+    namespace fs = std::filesystem;
+    auto offline = std::make_unique<Offline>();
+    std::error_code error;
+    if (fs::is_directory(arguments.source, error)) {
+      Result<ResultView> read = readResultView(arguments.source, arguments.truth);
+      if (!read) return read.error();
+      offline->result_ = std::move(read).value();
+      return offline;
+    }
+    if (!arguments.truth.empty()) return Error{"--truth needs a directory of results"};
+    Result<Playback> opened =
+        Playback::open(arguments.source, arguments.channel_prefix, arguments.pose_channel);
+    if (!opened) return opened.error();
+    offline->playback_.emplace(std::move(opened).value());
+    return offline;
+  }
+
+  void start(WebServer& server, LiveState& state) {
+    if (result_) {
+      for (const map_t& part : result_->map) state.add(part, monotonicNs());
+      server.setGreeting(result_->result.dump(-1, ' ', false, io::Json::error_handler_t::replace));
+      return;
+    }
+    server.setCommandHandler(
+        [this](const std::string& command, const WebServer::Answer& answer) {
+          answer(playback_->command(command).dump());
+        },
+        /*for_daemon=*/false);
+  }
+  void tick(std::int64_t now_ns, LiveState* state) {
+    if (playback_) playback_->tick(now_ns, state);
+  }
+
+ private:
+  std::optional<ResultView> result_;
+  std::optional<Playback> playback_;
+};
+
 // Thirty times a second: faster is for no eye.
 class Ticker {
  public:
-  Ticker(boost::asio::io_context& io, LiveState& state, WebServer& server)
-      : timer_(io), state_(state), server_(server) {}
+  // offline: may be null.
+  Ticker(boost::asio::io_context& io, LiveState& state, WebServer& server, Offline* offline)
+      : timer_(io), state_(state), server_(server), offline_(offline) {}
 
   void next() {
     timer_.expires_after(std::chrono::milliseconds(33));
     timer_.async_wait([this](const boost::system::error_code& stopped) {
       if (stopped) return;
+      if (offline_ != nullptr) offline_->tick(monotonicNs(), &state_);
       state_.tick(monotonicNs());
       server_.publish();
       next();
@@ -90,6 +141,7 @@ class Ticker {
   boost::asio::steady_timer timer_;
   LiveState& state_;
   WebServer& server_;
+  Offline* offline_;
 };
 
 Status serve(const ViewArguments& arguments) {
@@ -101,11 +153,18 @@ Status serve(const ViewArguments& arguments) {
   const bool needs_token = !access->token.empty();
   auto files = readPageFiles(arguments.page, arguments.three, arguments.health);
   if (!files) return files.error();
+  std::unique_ptr<Offline> offline;
+  if (!arguments.source.empty()) {
+    auto opened = Offline::open(arguments);
+    if (!opened) return opened.error();
+    offline = std::move(opened).value();
+  }
   boost::asio::io_context io(1);
   LiveState state;
   WebServer server(io, state, std::move(access).value(), std::move(files).value(), {});
-  LcmInput input(io, arguments.url, arguments.channel_prefix, state);
+  LcmInput input(io, arguments.url, arguments.channel_prefix, arguments.pose_channel, state);
   ControlLink control(io, arguments.socket, state);
+  if (!arguments.no_image) control.setLookedAt([&server] { return server.hasClients(); });
   if (arguments.allow_control) {
     server.setCommandHandler([&control](const std::string& command, WebServer::Answer answer) {
       control.command(command, std::move(answer));
@@ -119,15 +178,24 @@ Status serve(const ViewArguments& arguments) {
   std::fflush(stdout);
   boost::asio::signal_set stop(io, SIGINT, SIGTERM);
   stop.async_wait([&io](const boost::system::error_code&, int) { io.stop(); });
-  Ticker ticker(io, state, server);
-  input.start();
-  control.start();
+  Ticker ticker(io, state, server, offline.get());
+  if (offline) {
+    offline->start(server, state);
+  } else {
+    input.start();
+    control.start();
+  }
   ticker.next();
   io.run();
   return success();
 }
 
 void addOptions(CLI::App& app, ViewArguments& a) {
+  app.add_option(
+      "SOURCE", a.source,
+      "A directory of results of waymark run, or an event log of waymarkd: shown instead of "
+      "what a daemon publishes");
+  app.add_option("--truth", a.truth, "TUM trajectory: the errors of results against it are shown");
   app.add_option("--listen", a.listen,
                  "Address to serve the page at; any but this computer's "
                  "own (127.0.0.1, ::1) needs --token-file")
@@ -138,12 +206,15 @@ void addOptions(CLI::App& app, ViewArguments& a) {
   app.add_option("--url", a.url, "LCM URL")->capture_default_str();
   app.add_option("--channel-prefix", a.channel_prefix, "Channels begin with this")
       ->capture_default_str();
+  app.add_option("--pose-channel", a.pose_channel, "Channel of the body's pose")
+      ->capture_default_str();
   app.add_option("--socket", a.socket,
                  "The daemon's control socket; else where daemons usually listen");
   app.add_option("--token-file", a.token_file,
                  "A file with a token, which who looks must know: 16 letters or more");
   app.add_flag("--allow-control", a.allow_control,
                "The page may save, load and reset the map, and start and stop recording");
+  app.add_flag("--no-image", a.no_image, "Never ask the daemon for images of its camera");
   app.add_option("--page", a.page, "Directory of the page's files")->capture_default_str();
   app.add_option("--three", a.three, "Directory of three.js")->capture_default_str();
   app.add_option("--health", a.health, "What helps when counters grow: docs/health.md")
@@ -151,7 +222,9 @@ void addOptions(CLI::App& app, ViewArguments& a) {
 }
 
 int run(int argc, char** argv) {
-  CLI::App app{"Shows in a browser what waymarkd publishes.", "waymark-view"};
+  CLI::App app{
+      "Shows in a browser what waymarkd publishes, what it recorded, or what waymark run made.",
+      "waymark-view"};
   ViewArguments arguments;
   addOptions(app, arguments);
   app.set_version_flag("--version", "waymark-view " WAYMARK_VERSION);

@@ -51,12 +51,13 @@ Result<std::map<std::string, PageFile>> readPageFiles(const fs::path& page, cons
     fs::path path;
     const char* type;
   };
-  const std::array<Source, 8> sources = {{
+  const std::array<Source, 9> sources = {{
       {"index.html", page / "index.html", "text/html; charset=utf-8"},
       {"view.css", page / "view.css", "text/css; charset=utf-8"},
       {"view.js", page / "view.js", kScript},
       {"scene.js", page / "scene.js", kScript},
       {"panels.js", page / "panels.js", kScript},
+      {"offline.js", page / "offline.js", kScript},
       {"three.min.js", three / "three.min.js", kScript},
       {"OrbitControls.js", three / "examples/js/controls/OrbitControls.js", kScript},
       {"advice.json", health, "application/json"},

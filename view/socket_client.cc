@@ -13,6 +13,7 @@ namespace websocket = boost::beast::websocket;
 
 constexpr std::size_t kMostAnswers = 8;
 constexpr int kMostCommands = 2;
+constexpr const char* kMore = R"({"command":"more"})";
 
 }  // namespace
 
@@ -52,7 +53,9 @@ void SocketClient::read() {
         if (failed) return self->close();
         const std::string command = beast::buffers_to_string(self->received_.data());
         self->received_.consume(self->received_.size());
-        if (self->commands_ >= kMostCommands) {
+        if (command == kMore) {
+          self->beginRound();
+        } else if (self->commands_ >= kMostCommands) {
           self->send(std::make_shared<std::string>(
               R"({"type":"answer","ok":false,"error":"the one before is still being done"})"));
         } else {
@@ -66,6 +69,12 @@ void SocketClient::read() {
       });
 }
 
+void SocketClient::beginRound() {
+  paced_ = true;
+  round_left_ = kParts;
+  writeNext();
+}
+
 // Answers first, then each part in its turn.
 void SocketClient::writeNext() {
   if (!open_ || writing_) return;
@@ -73,11 +82,17 @@ void SocketClient::writeNext() {
     writing_ = std::move(answers_.front());
     answers_.pop_front();
   }
-  for (std::size_t i = 0; i < kParts && !writing_; ++i) {
+  const bool may_send = !paced_ || round_left_ > 0;
+  for (std::size_t i = 0; i < kParts && may_send && !writing_; ++i) {
     writing_ = std::exchange(waiting_[next_part_], nullptr);
     next_part_ = (next_part_ + 1) % kParts;
   }
-  if (!writing_) return;
+  if (!writing_) {
+    // Nothing waits any more: the round is over, if it has begun.
+    if (round_left_ < kParts) round_left_ = 0;
+    return;
+  }
+  if (round_left_ > 0) --round_left_;
   socket_.text(true);
   socket_.async_write(boost::asio::buffer(*writing_),
                       [self = shared_from_this()](const beast::error_code& failed, std::size_t) {

@@ -33,6 +33,7 @@ class SocketClient : public std::enable_shared_from_this<SocketClient> {
 
  private:
   void read();
+  void beginRound();
   void writeNext();
   void close();
 
@@ -45,6 +46,9 @@ class SocketClient : public std::enable_shared_from_this<SocketClient> {
   int commands_ = 0;  // whose answer is not there yet
   Text writing_;
   bool open_ = false;
+  // A page that says when it has drawn what it got is sent one round after the other.
+  bool paced_ = false;
+  std::size_t round_left_ = 0;  // parts that may still be sent in it
 };
 
 }  // namespace waymark::view

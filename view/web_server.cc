@@ -173,8 +173,10 @@ WebServer::Reply WebServer::reply(const RequestHead& request) const {
 
 void WebServer::addClient(const std::shared_ptr<SocketClient>& client) {
   clients_.insert(client);
-  client->send(std::make_shared<std::string>(commands_ ? R"({"type":"hello","control":true})"
-                                                       : R"({"type":"hello","control":false})"));
+  client->send(std::make_shared<std::string>(commands_ && commands_for_daemon_
+                                                 ? R"({"type":"hello","control":true})"
+                                                 : R"({"type":"hello","control":false})"));
+  if (greeting_) client->send(greeting_);
   client->send(std::make_shared<std::string>(state_.trailText()));
   for (std::size_t i = 0; i < kParts; ++i) {
     const Part part = static_cast<Part>(i);

@@ -51,8 +51,16 @@ class WebServer {
   WebServer(const WebServer&) = delete;
   WebServer& operator=(const WebServer&) = delete;
 
-  // Where nobody handles commands, they are refused.
-  void setCommandHandler(CommandHandler handler) { commands_ = std::move(handler); }
+  // Where nobody handles commands, they are refused. for_daemon: they are the daemon's, and the
+  // page has buttons for them; else a recording's.
+  void setCommandHandler(CommandHandler handler, bool for_daemon = true) {
+    commands_ = std::move(handler);
+    commands_for_daemon_ = for_daemon;
+  }
+  // A message that every page gets first.
+  void setGreeting(std::string text) {
+    greeting_ = std::make_shared<const std::string>(std::move(text));
+  }
 
   // port 0: any; port() says which.
   [[nodiscard]] Status listen(const std::string& address, unsigned short port);
@@ -70,6 +78,7 @@ class WebServer {
   };
   [[nodiscard]] Reply reply(const RequestHead& request) const;
   [[nodiscard]] const Options& options() const { return options_; }
+  [[nodiscard]] bool hasClients() const { return !clients_.empty(); }
   [[nodiscard]] bool hasRoomForClient() const { return clients_.size() < options_.max_clients; }
   void addClient(const std::shared_ptr<SocketClient>& client);
   void removeClient(const std::shared_ptr<SocketClient>& client);
@@ -87,6 +96,8 @@ class WebServer {
   const Options options_;
   boost::asio::ip::tcp::acceptor acceptor_;
   CommandHandler commands_;
+  bool commands_for_daemon_ = true;
+  std::shared_ptr<const std::string> greeting_;
   std::set<std::shared_ptr<SocketClient>> clients_;
   std::size_t connections_ = 0;
   std::array<std::uint64_t, kParts> published_{};

@@ -65,6 +65,7 @@ const WaymarkPanels = (() => {
     } else {
       rows.push(["Position", "no pose"], ["Why", pose.reason || "\u2013"]);
     }
+    if (pose.sigma_rad === undefined && pose.p) rows[3][1] = `${number(1000 * pose.sigma_m, 1, "mm")} (one sigma)`;
     fill(byId("pose"), rows);
     showHistogram(pose.latency_histogram);
   }
@@ -160,42 +161,130 @@ const WaymarkPanels = (() => {
     }
   }
 
-  function showImage(detections, pose) {
-    const canvas = byId("image");
-    for (const m of detections.markers) {
-      for (const [x, y] of m.corners) {
+  // The newest preview whose image is there, and when it came.
+  const photo = {image: null, shown: null, came_ms: -1e9};
+  const FRESH_MS = 2500;
+  let drawnKey = null;
+  const TIMES = 20;          // residuals are drawn so much longer
+
+  function addPreview(preview) {
+    if (!preview.image) {
+      photo.shown = null;
+      return;
+    }
+    const image = new Image();
+    image.onload = () => {
+      photo.image = image;
+      photo.shown = preview;
+      photo.came_ms = performance.now();
+    };
+    image.src = preview.image;
+  }
+
+  function sizeImage(canvas, detections, preview) {
+    if (preview) {
+      [pixels.width, pixels.height] = [preview.width, preview.height];
+    } else {
+      for (const [x, y] of detections.markers.flatMap((m) => m.corners)) {
         const fits = SIZES.find(([w, h]) => x < w && y < h);
         if (fits && (fits[0] > pixels.width || fits[1] > pixels.height)) {
           [pixels.width, pixels.height] = fits;
         }
       }
     }
-    if (canvas.width !== pixels.width) [canvas.width, canvas.height] = [pixels.width, pixels.height];
-    const context = pen(canvas);
-    const unit = canvas.width / 640;
-    context.lineWidth = 2.5 * unit;
-    context.font = `bold ${16 * unit}px sans-serif`;
-    for (const m of detections.markers) {
-      context.strokeStyle = m.hamming > 0 ? style("--warn") : style("--good");
-      context.setLineDash(m.hamming > 0 ? [6 * unit, 4 * unit] : []);
-      context.beginPath();
-      m.corners.forEach(([x, y]) => context.lineTo(x + 0.5, y + 0.5));
-      context.closePath();
-      context.stroke();
-      context.fillStyle = style("--bad");  // where its top left corner is
-      context.fillRect(m.corners[0][0] - 3 * unit, m.corners[0][1] - 3 * unit, 6 * unit, 6 * unit);
-      context.fillStyle = style("--ink");
-      const middle = [0, 1].map((k) => m.corners.reduce((sum, c) => sum + c[k], 0) / 4);
-      context.textAlign = "center";
-      context.fillText(String(m.id), middle[0], middle[1] + 6 * unit);
+    if (canvas.width !== pixels.width || canvas.height !== pixels.height) {
+      [canvas.width, canvas.height] = [pixels.width, pixels.height];
     }
-    const found = detections.markers.map((m) => m.id).join(", ");
-    byId("image-text").textContent = detections.sequence === undefined ? "Nothing yet"
-      : `Frame ${detections.sequence}: ${detections.seen} markers` + (found ? ` (${found})` : "") +
-        (pose.p && pose.sequence === detections.sequence ? `, ${pose.markers} in the pose, ${number(pose.rms_px, 2, "px")}` : "");
   }
 
+  function outline(context, corners) {
+    context.beginPath();
+    corners.forEach(([x, y]) => context.lineTo(x + 0.5, y + 0.5));
+    context.closePath();
+    context.stroke();
+  }
+
+  // Root mean square of the corners' distances, pixels; null where no pose says where they should be.
+  function drawMarker(context, m, unit, onImage) {
+    context.strokeStyle = m.hamming > 0 ? style("--warn") : style("--good");
+    context.setLineDash(m.hamming > 0 ? [6 * unit, 4 * unit] : []);
+    context.lineWidth = 2.5 * unit;
+    outline(context, m.corners);
+    context.setLineDash([]);
+    context.fillStyle = style("--bad");  // where its top left corner is
+    context.fillRect(m.corners[0][0] - 3 * unit, m.corners[0][1] - 3 * unit, 6 * unit, 6 * unit);
+    let sum = 0;
+    if (m.expected) {
+      context.strokeStyle = style("--bad");
+      context.lineWidth = 2 * unit;
+      m.corners.forEach(([x, y], i) => {
+        const [dx, dy] = [m.expected[i][0] - x, m.expected[i][1] - y];
+        sum += dx * dx + dy * dy;
+        context.beginPath();
+        context.moveTo(x + 0.5, y + 0.5);
+        context.lineTo(x + 0.5 + TIMES * dx, y + 0.5 + TIMES * dy);
+        context.stroke();
+      });
+    }
+    const middle = [0, 1].map((k) => m.corners.reduce((total, c) => total + c[k], 0) / 4);
+    context.textAlign = "center";
+    if (onImage) {
+      context.lineWidth = 4 * unit;
+      context.strokeStyle = "#000";
+      context.strokeText(String(m.id), middle[0], middle[1] + 6 * unit);
+    }
+    context.fillStyle = onImage ? "#fff" : style("--ink");
+    context.fillText(String(m.id), middle[0], middle[1] + 6 * unit);
+    return m.expected ? Math.sqrt(sum / 4) : null;
+  }
+
+  function drawRejected(context, squares, unit) {
+    context.strokeStyle = style("--warn");
+    context.lineWidth = 1.5 * unit;
+    context.setLineDash([2 * unit, 3 * unit]);
+    for (const corners of squares) outline(context, corners);
+    context.setLineDash([]);
+  }
+
+  // The live image where one comes, with what was found in that very frame; else the newest frame's
+  // markers alone.
+  function showImage(detections, pose, images) {
+    const fresh = performance.now() - photo.came_ms < FRESH_MS;
+    const preview = fresh ? photo.shown : null;
+    // Drawn once: it comes a few times a second, poses much more often.
+    const key = preview ? `image ${preview.sequence}` : `frame ${detections.sequence} ${images}`;
+    if (key === drawnKey) return;
+    drawnKey = key;
+    const canvas = byId("image");
+    sizeImage(canvas, detections, preview);
+    const context = pen(canvas);
+    const unit = canvas.width / 640;
+    context.font = `bold ${16 * unit}px sans-serif`;
+    if (preview) context.drawImage(photo.image, 0, 0, canvas.width, canvas.height);
+    canvas.dataset.image = preview ? String(preview.sequence) : "";
+    if (preview) drawRejected(context, preview.rejected, unit);
+    const markers = preview ? preview.markers || [] : detections.markers;
+    const residuals = markers.map((m) => drawMarker(context, m, unit, Boolean(preview)));
+    const known = residuals.filter((r) => r !== null);
+    const sequence = preview ? preview.sequence : detections.sequence;
+    let text = sequence === undefined ? "Nothing yet" : `Frame ${sequence}: ${markers.length} markers`;
+    if (markers.length > 0) {
+      text += ` (${markers.map((m, i) => m.id + (residuals[i] === null ? "" : ` ${number(residuals[i], 2)}`)).join(", ")})`;
+    }
+    if (known.length > 0) text += "; beside each id its residual in pixels, drawn 20 times longer";
+    if (preview && preview.rejected.length > 0) {
+      text += `; ${preview.rejected.length} dark ${preview.rejected.length === 1 ? "square that is no marker" : "squares that are no markers"} (dotted)`;
+    }
+    if (!preview) text += `. ${images}`;
+    byId("image-text").textContent = text;
+  }
+
+  // Why there is no image.
+  let images = "No image comes: nobody answers on the daemon's control socket";
+  const whyNoImage = () => images;
+
   function showControl(status) {
+    images = status ? "The image is being asked for" : "No image comes: nobody answers on the daemon's control socket";
     if (!status || !status.map) return;
     const recorder = status.recorder;
     const recording = recorder && recorder.state === "recording";
@@ -214,5 +303,5 @@ const WaymarkPanels = (() => {
     }
   }
 
-  return {start, showStatus, showPose, showHealth, showMap, showImage, showControl};
+  return {start, showStatus, showPose, showHealth, showMap, showImage, addPreview, whyNoImage, showControl};
 })();

@@ -27,6 +27,7 @@ const WaymarkScene = (() => {
   const ids = new THREE.Group();
   const sigmas = new THREE.Group();
   const camera = new THREE.Group();
+  const body = new THREE.Group();      // that carries the camera, where that is not the same
   let floor = null;
   let framed = false;                  // somebody has seen all of it once
   let wanted = true;                   // something has changed
@@ -46,6 +47,20 @@ const WaymarkScene = (() => {
     corners.forEach((c, i) => points.push(0, 0, 0, ...c, ...c, ...corners[(i + 1) % 4]));
     points.push(-x * 0.5, -y, z, 0, -y * 1.5, z, 0, -y * 1.5, z, x * 0.5, -y, z);  // its top
     return lines(points, 0xd55e00);
+  }
+
+  // A wedge that points along x, its z up, and its axes.
+  function wedge() {
+    const [x, y, z] = [0.2, 0.12, 0.05];
+    const shape = [[x, 0, 0], [-x, y, 0], [-x, -y, 0]];
+    const points = [];
+    shape.forEach((c, i) => {
+      const next = shape[(i + 1) % 3];
+      points.push(...c, ...next, c[0], c[1], z, next[0], next[1], z, ...c, c[0], c[1], z);
+    });
+    const group = new THREE.Group();
+    group.add(lines(points, 0x56b4e9), new THREE.AxesHelper(0.15));
+    return group;
   }
 
   function code(marker, side) {
@@ -164,6 +179,35 @@ const WaymarkScene = (() => {
     return {object, clear, add, segments: () => count};
   })();
 
+  // Whole ways, each a line of its own colour; in the legend in place of the sources'.
+  const tracks = new THREE.Group();
+  function setTracks(list) {
+    empty(tracks);
+    for (const {points, colour} of list) {
+      const segments = [];
+      points.forEach(([t, p], i) => {
+        if (i > 0 && t - points[i - 1][0] < 0.5) segments.push(...points[i - 1][1], ...p);
+      });
+      tracks.add(lines(segments, colour));
+    }
+    showLegend([...Object.values(STATES), ...list]);
+    framed = false;
+    home();
+  }
+
+  function showLegend(entries) {
+    const legend = document.getElementById("legend");
+    legend.textContent = "";
+    for (const {colour, text} of entries) {
+      if (!text) continue;
+      const item = document.createElement("li");
+      const swatch = document.createElement("i");
+      swatch.style.background = "#" + colour.toString(16).padStart(6, "0");
+      item.append(swatch, text);
+      legend.append(item);
+    }
+  }
+
   // Three's world has y up.
   function turnUp() {
     root.rotation.set(shown.up === "z" ? -Math.PI / 2 : Math.PI, 0, 0);
@@ -174,6 +218,7 @@ const WaymarkScene = (() => {
     root.updateMatrixWorld(true);
     const box = new THREE.Box3();
     if (markers.children.length > 0) box.expandByObject(markers);
+    if (tracks.children.length > 0) box.expandByObject(tracks);
     if (camera.visible) box.expandByPoint(camera.getWorldPosition(new THREE.Vector3()));
     return box;
   }
@@ -221,10 +266,19 @@ const WaymarkScene = (() => {
   }
 
   function setPose(pose) {
+    body.visible = false;
     camera.visible = Boolean(pose.p) && pose.p.every(Number.isFinite);
     if (camera.visible) {
       camera.position.set(...pose.p);
       camera.quaternion.set(pose.q[1], pose.q[2], pose.q[3], pose.q[0]);
+      const b = pose.body;
+      body.visible = Boolean(b) && b.p.concat(b.q).every(Number.isFinite);
+      if (body.visible) {
+        body.position.set(...b.p);
+        body.quaternion.set(b.q[1], b.q[2], b.q[3], b.q[0]);
+        const turned = 2 * Math.acos(Math.min(1, Math.abs(body.quaternion.dot(camera.quaternion))));
+        body.visible = turned > 0.001 || body.position.distanceTo(camera.position) > 0.0005;
+      }
       if (shown.follow) {
         const before = controls.target.clone();
         controls.target.copy(camera.getWorldPosition(new THREE.Vector3()));
@@ -255,7 +309,7 @@ const WaymarkScene = (() => {
   function apply() {
     ids.visible = shown.labels;
     sigmas.visible = shown.sigma;
-    trail.object.visible = shown.trail;
+    trail.object.visible = tracks.visible = shown.trail;
     wanted = true;
   }
 
@@ -324,28 +378,22 @@ const WaymarkScene = (() => {
     eye.position.set(1, 1, 2);
     camera.add(frustum());
     camera.visible = false;
-    root.add(markers, ids, sigmas, camera, trail.object, new THREE.AxesHelper(0.5));
+    body.add(wedge());
+    body.visible = false;
+    root.add(markers, ids, sigmas, camera, body, tracks, trail.object, new THREE.AxesHelper(0.5));
     scene.add(root);
     turnUp();
     apply();
     listen();
-    const legend = document.getElementById("legend");
-    for (const {colour, text} of [...Object.values(STATES), ...SOURCES]) {
-      if (!text) continue;
-      const item = document.createElement("li");
-      const swatch = document.createElement("i");
-      swatch.style.background = "#" + colour.toString(16).padStart(6, "0");
-      item.append(swatch, text);
-      legend.append(item);
-    }
+    showLegend([...Object.values(STATES), ...SOURCES]);
     draw();
   }
 
   return {
-    start, setMap, setPose,
+    start, setMap, setPose, setTracks,
     clearTrail: () => { trail.clear(); wanted = true; },
     addToTrail: trail.add,
     // For who looks from outside.
-    counts: () => ({markers: markers.children.length, segments: trail.segments(), camera: camera.visible}),
+    counts: () => ({markers: markers.children.length, segments: trail.segments(), camera: camera.visible, body: body.visible, tracks: tracks.children.length}),
   };
 })();

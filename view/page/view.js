@@ -13,6 +13,7 @@
   let drawnMap = null;
   let piece = 0;             // of the map, in which the camera is
   let mapDrawn_ms = -1000;
+  let received = false;      // since more was asked for
   let wanted = false;  // something is to be shown with the next frame of the screen
 
   const takers = {
@@ -23,6 +24,7 @@
     },
     link: (m) => { state.link = m; },
     pose: (m) => {
+      if (WaymarkOffline.isResult()) return;
       // Another daemon, or the same one started anew.
       if (m.sequence < lastSequence) WaymarkScene.clearTrail();
       if (m.p && m.p.every(Number.isFinite)) {
@@ -45,10 +47,14 @@
       newestMap = m;
       if (!waiting) setTimeout(drawMap, Math.max(0, mapDrawn_ms + 1000 - performance.now()));
     },
+    result: (m) => WaymarkOffline.setResult(m),
+    playback: (m) => WaymarkOffline.setPlayback(m),
     health: (m) => WaymarkPanels.showHealth(m),
     detections: (m) => { state.detections = m; },
+    preview: (m) => WaymarkPanels.addPreview(m),
     control: (m) => WaymarkPanels.showControl(m.status),
     answer: (m) => {
+      if (WaymarkOffline.isOffline()) return;
       document.getElementById("answer").textContent = m.ok ? (m.result || "done") : `not done: ${m.error}`;
     },
   };
@@ -68,11 +74,19 @@
     wanted = true;
     requestAnimationFrame(() => {
       wanted = false;
-      WaymarkPanels.showStatus(connected, state.link, state.pose);
+      WaymarkPanels.showStatus(connected, WaymarkOffline.isResult() ? {alive: true} : state.link, state.pose);
       WaymarkPanels.showPose(state.pose);
-      WaymarkPanels.showImage(state.detections, state.pose);
+      WaymarkPanels.showImage(state.detections, state.pose, WaymarkPanels.whyNoImage());
       WaymarkScene.setPose(state.pose);
+      askForMore();
     });
+  }
+
+  // What comes is drawn before more is asked for: a slow browser gets less, and nothing piles up in it.
+  function askForMore() {
+    if (!connected || !received) return;
+    received = false;
+    socket.send("{\"command\":\"more\"}");
   }
 
   function connect() {
@@ -82,10 +96,12 @@
     socket.onopen = () => {
       connected = true;
       pause_ms = 500;
+      received = true;
       show();
     };
     socket.onmessage = (event) => {
       const message = JSON.parse(event.data);
+      received = true;
       if (takers[message.type]) takers[message.type](message);
       show();
     };
@@ -106,6 +122,13 @@
     });
   }
 
+  WaymarkOffline.start({
+    send: (command) => { if (connected) socket.send(JSON.stringify(command)); },
+    showPose: (pose) => {
+      state.pose = pose;
+      show();
+    },
+  });
   WaymarkScene.start();
   WaymarkPanels.start();
   show();

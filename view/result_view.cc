@@ -1,0 +1,264 @@
+#include "view/result_view.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstdint>
+#include <map>
+#include <optional>
+#include <span>
+#include <string_view>
+#include <utility>
+
+#include <Eigen/Eigenvalues>
+
+#include "io/maps/map_file.h"
+#include "io/text/number_text.h"
+#include "io/text/text_file.h"
+#include "io/trajectory.h"
+#include "tools/evaluation/evaluation.h"
+
+namespace waymark::view {
+namespace {
+
+namespace fs = std::filesystem;
+using io::Json;
+
+constexpr std::size_t kMarkersInAPart = 140;
+
+double worstSigma(const Eigen::Matrix3d& covariance) {
+  const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> solver(covariance, Eigen::EigenvaluesOnly);
+  return std::sqrt(std::max(0.0, solver.eigenvalues().maxCoeff()));
+}
+
+marker_t posed(const slam::MapMarker& marker, const slam::Map& map) {
+  marker_t m{};
+  m.id = marker.id;
+  m.size = marker.size_m;
+  const Eigen::Quaterniond q = marker.T_w_m->quaternion();
+  std::copy_n(marker.T_w_m->p.data(), 3, m.p_w_m);
+  const std::array<double, 4> wxyz = {q.w(), q.x(), q.y(), q.z()};
+  std::ranges::copy(wxyz, m.q_w_m);
+  m.state = marker.other_T_w_m ? marker_t::STATE_UNDECIDED : marker_t::STATE_MAPPED;
+  m.views = static_cast<std::int32_t>(map.viewsOf(marker.id).size());
+  m.sigma_m = worstSigma(marker.world_covariance.topLeftCorner<3, 3>());
+  m.map_piece = map.piece;
+  return m;
+}
+
+std::int8_t unposedState(slam::MarkerState state) {
+  switch (state) {
+    case slam::MarkerState::kQuarantined:
+      return unposed_marker_t::STATE_QUARANTINED;
+    case slam::MarkerState::kBanned:
+      return unposed_marker_t::STATE_REFUSED;
+    case slam::MarkerState::kElsewhere:
+      return unposed_marker_t::STATE_ELSEWHERE;
+    default:
+      return unposed_marker_t::STATE_UNRESOLVED;
+  }
+}
+
+void addPiece(const slam::Map& map, map_t* all) {
+  all->keyframe_count += static_cast<std::int32_t>(map.keyframes().size());
+  for (const auto& [id, marker] : map.markers()) {
+    if (slam::isPicture(id)) continue;
+    if (marker.T_w_m) {
+      all->markers.push_back(posed(marker, map));
+      continue;
+    }
+    unposed_marker_t m{};
+    m.id = id;
+    m.size = marker.size_m;
+    m.state = unposedState(marker.state);
+    m.views = static_cast<std::int32_t>(map.viewsOf(id).size());
+    all->unposed.push_back(m);
+  }
+}
+
+std::vector<map_t> partsOf(const io::MapFile& file) {
+  map_t all{};
+  all.revision = 1;
+  all.dictionary = file.map.dictionary;
+  addPiece(file.map, &all);
+  for (const slam::Map& piece : file.other_pieces) addPiece(piece, &all);
+  std::vector<map_t> parts;
+  const std::size_t count =
+      std::max<std::size_t>(1, (all.markers.size() + kMarkersInAPart - 1) / kMarkersInAPart);
+  for (std::size_t i = 0; i < count; ++i) {
+    map_t part = all;
+    const auto begin = all.markers.begin() + static_cast<std::ptrdiff_t>(i * kMarkersInAPart);
+    const auto end = all.markers.begin() + static_cast<std::ptrdiff_t>(std::min(
+                                               all.markers.size(), (i + 1) * kMarkersInAPart));
+    part.markers.assign(begin, end);
+    if (i > 0) part.unposed.clear();
+    part.piece = static_cast<std::int32_t>(i);
+    part.piece_count = static_cast<std::int32_t>(count);
+    parts.push_back(std::move(part));
+  }
+  return parts;
+}
+
+// The frames of a poses.csv.
+struct Track {
+  Json poses = Json::array();
+  std::map<int, io::Trajectory> trajectories;  // by piece
+};
+
+// Where the columns are that are shown.
+class Columns {
+ public:
+  explicit Columns(const std::vector<std::string>& names) {
+    for (std::size_t i = 0; i < names.size(); ++i) at_[names[i]] = i;
+  }
+  [[nodiscard]] std::string text(const std::vector<std::string>& row, const char* name) const {
+    const auto found = at_.find(name);
+    return found == at_.end() || found->second >= row.size() ? "" : row[found->second];
+  }
+  // Empty where the field is, or is no number.
+  [[nodiscard]] std::optional<double> number(const std::vector<std::string>& row,
+                                             const char* name) const {
+    return io::parseDouble(text(row, name));
+  }
+
+ private:
+  std::map<std::string, std::size_t> at_;
+};
+
+Result<Track> readTrack(const fs::path& file) {
+  const Result<std::string> text = io::readTextFile(file);
+  if (!text) return text.error();
+  const std::vector<std::string_view> lines = io::split(*text, '\n');
+  if (lines.empty()) return Error{file.string() + ": is empty"};
+  const Columns columns(csvFields(std::string(lines.front())));
+  Track track;
+  for (std::size_t i = 1; i < lines.size(); ++i) {
+    if (lines[i].empty()) continue;
+    const std::vector<std::string> row = csvFields(std::string(lines[i]));
+    const auto wrong = [&](const char* what) {
+      return Error{file.string() + ":" + std::to_string(i + 1) + ": " + what};
+    };
+    const auto t = columns.number(row, "t");
+    if (!t) return wrong("t is no number");
+    const std::string source = columns.text(row, "source");
+    if (source.empty()) {
+      track.poses.push_back({*t, columns.text(row, "reason")});
+      continue;
+    }
+    std::vector<double> v;
+    for (const char* name : {"px", "py", "pz", "qw", "qx", "qy", "qz", "piece", "c00", "c01", "c02",
+                             "c11", "c12", "c22", "markers", "rms_px"}) {
+      const auto value = columns.number(row, name);
+      if (!value || !std::isfinite(*value)) return wrong("a field of a pose is no number");
+      v.push_back(*value);
+    }
+    Eigen::Matrix3d covariance;
+    covariance << v[8], v[9], v[10], v[9], v[11], v[12], v[10], v[12], v[13];
+    track.poses.push_back({*t, v[0], v[1], v[2], v[3], v[4], v[5], v[6], v[7],
+                           worstSigma(covariance), v[14], v[15], source});
+    slam::Transform T_w_c;
+    T_w_c.R = Eigen::Quaterniond(v[3], v[4], v[5], v[6]).normalized().toRotationMatrix();
+    T_w_c.p = {v[0], v[1], v[2]};
+    track.trajectories[static_cast<int>(v[7])].push_back({std::llround(1e9 * *t), T_w_c});
+  }
+  return track;
+}
+
+// Of the piece with the most frames, against the truth.
+struct Comparison {
+  Json errors;  // null: no two poses share a time
+  slam::Transform T_truth_est;
+  int piece = 0;
+};
+
+Comparison compare(const std::string& name, const Track& track, io::Trajectory truth) {
+  const auto most = std::ranges::max_element(track.trajectories, {},
+                                             [](const auto& entry) { return entry.second.size(); });
+  if (most == track.trajectories.end()) return {};
+  const tools::TrajectoryOptions options;
+  const auto errors = tools::compareTrajectories(truth, most->second, options);
+  if (!errors) return {};
+  tools::sortByTime(&truth);
+  Comparison compared{.errors = {{"name", name},
+                                 {"rms_m", errors->ate_m.rms},
+                                 {"median_m", errors->ate_m.median},
+                                 {"max_m", errors->ate_m.max},
+                                 {"points", Json::array()}},
+                      .T_truth_est = errors->T_truth_est,
+                      .piece = most->first};
+  for (const io::StampedPose& pose : most->second) {
+    const io::StampedPose* const near =
+        tools::nearestPose(truth, pose.time_ns, options.tolerance_ns);
+    if (near == nullptr) continue;
+    const Eigen::Vector3d off = errors->T_truth_est * pose.T_w_c.p - near->T_w_c.p;
+    compared.errors["points"].push_back({1e-9 * static_cast<double>(pose.time_ns), off.norm()});
+  }
+  return compared;
+}
+
+}  // namespace
+
+std::vector<std::string> csvFields(const std::string& line) {
+  std::vector<std::string> fields(1);
+  bool quoted = false;
+  for (std::size_t i = 0; i < line.size(); ++i) {
+    const char c = line[i];
+    if (quoted && c == '"' && i + 1 < line.size() && line[i + 1] == '"') {
+      fields.back() += line[++i];
+    } else if (c == '"') {
+      quoted = !quoted;
+    } else if (c == ',' && !quoted) {
+      fields.emplace_back();
+    } else if (c != '\r') {
+      fields.back() += c;
+    }
+  }
+  return fields;
+}
+
+Result<ResultView> readResultView(const fs::path& directory, const fs::path& truth_file) {
+  const Result<io::MapFile> map = io::readMap(directory / "map.json");
+  if (!map) return map.error();
+  ResultView view{.map = partsOf(*map), .result = {{"type", "result"}}};
+  view.result["name"] = fs::absolute(directory).lexically_normal().string();
+  if (const Result<std::string> stats = io::readTextFile(directory / "stats.json")) {
+    const Result<Json> parsed = io::parseJson(*stats, "stats.json");
+    if (parsed && parsed->contains("verdict")) view.result["verdict"] = (*parsed)["verdict"];
+  }
+  io::Trajectory truth;
+  if (!truth_file.empty()) {
+    Result<io::Trajectory> read = io::readTrajectory(truth_file);
+    if (!read) return read.error();
+    truth = std::move(read).value();
+  }
+  view.result["tracks"] = Json::array();
+  view.result["errors"] = Json::array();
+  view.result["truth"] = Json::array();
+  struct Source {
+    const char* name;
+    const char* file;
+  };
+  for (const Source& source : {Source{"live", "poses.csv"}, Source{"final", "poses_final.csv"}}) {
+    const Result<Track> track = readTrack(directory / source.file);
+    if (!track) return track.error();
+    view.result["tracks"].push_back({{"name", source.name}, {"poses", track->poses}});
+    if (truth.empty()) continue;
+    const Comparison compared = compare(source.name, *track, truth);
+    if (compared.errors.is_null()) {
+      return Error{truth_file.string() + ": has no pose at the time of one in " +
+                   (directory / source.file).string()};
+    }
+    view.result["errors"].push_back(compared.errors);
+    // In the world of the final track, which comes last.
+    view.result["truth"].clear();
+    const slam::Transform T_est_truth = compared.T_truth_est.inverse();
+    for (const io::StampedPose& pose : truth) {
+      const Eigen::Vector3d p = T_est_truth * pose.T_w_c.p;
+      view.result["truth"].push_back(
+          {1e-9 * static_cast<double>(pose.time_ns), p.x(), p.y(), p.z(), compared.piece});
+    }
+  }
+  return view;
+}
+
+}  // namespace waymark::view

@@ -1,0 +1,155 @@
+#include "view/seen_markers.h"
+
+#include <limits>
+#include <string>
+#include <vector>
+
+#include <gtest/gtest.h>
+
+#include "view/live_state.h"
+
+namespace waymark::view {
+namespace {
+
+using io::Json;
+
+std::string base64Of(const std::string& text) {
+  return base64(std::span(reinterpret_cast<const std::uint8_t*>(text.data()), text.size()));
+}
+
+// A camera of 640x480 at the origin, and marker 7, 0.2 m wide, 2 m before it, facing it.
+struct Scene {
+  Scene() {
+    lens.width = 640;
+    lens.height = 480;
+    lens.fx = lens.fy = 500.0;
+    lens.cx = 320.0;
+    lens.cy = 240.0;
+    pose.sequence = 5;
+    pose.source = pose_t::SOURCE_MARKERS;
+    pose.q_w_c[0] = 1.0;
+    map[0].markers.resize(1);
+    marker_t& m = map[0].markers[0];
+    m.id = 7;
+    m.size = 0.2;
+    m.p_w_m[2] = 2.0;
+    m.q_w_m[1] = 1.0;  // half a turn about x: its y is up where the camera's is down
+    detections.sequence = 5;
+    detections.detections.resize(1);
+    detections.detections[0].id = 7;
+  }
+  [[nodiscard]] Json seen() const { return seenMarkers(detections, &pose, &lens, map); }
+
+  lens_t lens{};
+  pose_t pose{};
+  detections_t detections{};
+  std::map<std::int32_t, map_t> map;
+};
+
+TEST(SeenMarkers, TellsWhereMapAndPosePutTheCorners) {
+  const Scene scene;
+  const Json seen = scene.seen();
+  ASSERT_EQ(seen.size(), 1U);
+  const Json& corners = seen[0].at("expected");
+  const double expected[4][2] = {{295, 215}, {345, 215}, {345, 265}, {295, 265}};
+  for (int i = 0; i < 4; ++i) {
+    EXPECT_NEAR(corners[i][0], expected[i][0], 1e-9) << i;
+    EXPECT_NEAR(corners[i][1], expected[i][1], 1e-9) << i;
+  }
+}
+
+TEST(SeenMarkers, TellsNoCornersWithoutAllThatTheyNeed) {
+  Scene scene;
+  EXPECT_FALSE(
+      seenMarkers(scene.detections, nullptr, &scene.lens, scene.map)[0].contains("expected"));
+  EXPECT_FALSE(
+      seenMarkers(scene.detections, &scene.pose, nullptr, scene.map)[0].contains("expected"));
+  scene.lens.fx = std::numeric_limits<double>::quiet_NaN();
+  EXPECT_FALSE(scene.seen()[0].contains("expected"));
+  Scene other_frame;
+  other_frame.pose.sequence = 6;
+  EXPECT_FALSE(other_frame.seen()[0].contains("expected"));
+  Scene other_piece;
+  other_piece.map[0].markers[0].map_piece = 1;
+  EXPECT_FALSE(other_piece.seen()[0].contains("expected"));
+  Scene behind;
+  behind.map[0].markers[0].p_w_m[2] = -2.0;
+  EXPECT_FALSE(behind.seen()[0].contains("expected"));
+}
+
+TEST(SeenMarkers, Base64IsTheStandards) {
+  EXPECT_EQ(base64Of(""), "");
+  EXPECT_EQ(base64Of("f"), "Zg==");
+  EXPECT_EQ(base64Of("fo"), "Zm8=");
+  EXPECT_EQ(base64Of("foo"), "Zm9v");
+  EXPECT_EQ(base64Of("foobar"), "Zm9vYmFy");
+  EXPECT_EQ(base64Of("\xff\xfe"), "//4=");
+}
+
+preview_t previewOf(std::int64_t sequence) {
+  preview_t preview{};
+  preview.sequence = sequence;
+  preview.width = 640;
+  preview.height = 480;
+  preview.jpeg = {0xff, 0xd8, 0xff};
+  return preview;
+}
+
+TEST(Preview, OnlyAJpegOfAPlausibleSizeIsOne) {
+  EXPECT_TRUE(isPlausible(previewOf(1)));
+  preview_t wrong = previewOf(1);
+  wrong.width = 0;
+  EXPECT_FALSE(isPlausible(wrong));
+  wrong = previewOf(1);
+  wrong.jpeg = {'<', 's', 'v', 'g'};
+  EXPECT_FALSE(isPlausible(wrong));
+  wrong.jpeg.clear();
+  EXPECT_FALSE(isPlausible(wrong));
+}
+
+TEST(Preview, ComesWithWhatWasFoundInItsOwnFrame) {
+  LiveState state;
+  const auto show = [&](std::int64_t sequence, int id) {
+    pose_t pose{};
+    pose.sequence = sequence;
+    state.add(pose, 1);
+    detections_t detections{};
+    detections.sequence = sequence;
+    detections.detections.resize(1);
+    detections.detections[0].id = id;
+    state.add(detections, 1);
+  };
+  show(4, 11);
+  show(5, 12);
+  show(6, 13);
+  state.add(previewOf(5), 1);
+  const Json json = Json::parse(state.text(Part::kPreview));
+  EXPECT_EQ(json["sequence"], 5);
+  EXPECT_EQ(json["image"], "data:image/jpeg;base64,/9j/");
+  ASSERT_EQ(json["markers"].size(), 1U);
+  EXPECT_EQ(json["markers"][0]["id"], 12);
+  state.add(previewOf(9), 1);
+  EXPECT_FALSE(Json::parse(state.text(Part::kPreview)).contains("markers"))
+      << "no frame of it was heard of";
+}
+
+TEST(Body, IsToldWithThePoseOfItsFrameOnly) {
+  LiveState state;
+  pose_t pose{};
+  pose.sequence = 1;
+  pose.utime = 10;
+  pose.source = pose_t::SOURCE_MARKERS;
+  state.add(pose, 1);
+  bot_core::pose_t body{};
+  body.utime = 10;
+  body.pos[0] = 3.0;
+  state.add(body, 1);
+  EXPECT_EQ(Json::parse(state.text(Part::kPose))["body"]["p"][0], 3.0);
+  pose.sequence = 2;
+  pose.utime = 20;
+  state.add(pose, 1);
+  EXPECT_FALSE(Json::parse(state.text(Part::kPose)).contains("body"));
+}
+
+}  // namespace
+}  // namespace waymark::view
