@@ -1,7 +1,5 @@
 #include "tools/doctor_command.h"
 
-#include <chrono>
-#include <cstdint>
 #include <cstdio>
 #include <filesystem>
 #include <map>
@@ -9,16 +7,13 @@
 #include <optional>
 #include <string>
 #include <utility>
-#include <variant>
 #include <vector>
 
 #include <CLI/CLI.hpp>
 #include <opencv2/core.hpp>
 
 #include "capture/open_source.h"
-#include "daemon/configuration.h"
 #include "daemon/control/stop_signal.h"
-#include "daemon/publish/lcm_link.h"
 #include "io/calibrations/calibration_file.h"
 #include "io/settings/slam_settings.h"
 #include "io/text/number_text.h"
@@ -31,6 +26,7 @@
 #include "tools/run_diagnosis.h"
 #include "tools/run_input.h"
 #include "tools/run_record.h"
+#include "tools/source_look.h"
 #include "tools/stage_timer.h"
 
 namespace waymark::tools {
@@ -47,72 +43,6 @@ struct DoctorArguments {
   bool size_is_given = false;
   int frames = 300;
 };
-
-// What the images alone say.
-struct Looked {
-  capture::StreamInfo info;
-  std::vector<std::int64_t> times_ns;
-  diagnosis::ImageSamples samples;
-  std::string damage;
-};
-
-void tell(const Finding& finding) { std::fputs(diagnosis::formatFinding(finding).c_str(), stdout); }
-
-// A camera that is there and may not be opened has one usual reason.
-std::string withHint(const std::string& fault) {
-  if (fault.find("Permission denied") == std::string::npos) return fault;
-  return fault +
-         "; cameras belong to the group video: sudo usermod -aG video $USER, then log in "
-         "again";
-}
-
-Result<Looked> look(const DoctorArguments& arguments, const daemon::StopSignal& stop) {
-  using std::chrono_literals::operator""ms;
-  Result<std::unique_ptr<capture::FrameSource>> source = capture::openSource(arguments.source, {});
-  if (!source) return Error{withHint(source.error().message)};
-  Looked looked;
-  looked.info = (*source)->info();
-  int silent_ms = 0;
-  while (std::ssize(looked.times_ns) < arguments.frames && !stop.pending()) {
-    capture::ReadResult read = (*source)->read(100ms);
-    if (const Error* error = std::get_if<Error>(&read)) {
-      looked.damage = error->message;
-      break;
-    }
-    if (std::holds_alternative<capture::EndOfStream>(read)) break;
-    if (std::holds_alternative<capture::TimedOut>(read)) {
-      silent_ms += 100;
-      if (silent_ms < 5000) continue;
-      looked.damage = looked.info.description + ": no frame for 5 s";
-      break;
-    }
-    silent_ms = 0;
-    const capture::FramePtr frame = std::get<capture::FramePtr>(std::move(read));
-    looked.times_ns.push_back(frame->stamp().monotonic_ns);
-    looked.samples.add(frame->image());
-  }
-  if (looked.damage.empty()) looked.damage = (*source)->damage();
-  if (looked.times_ns.empty()) {
-    return Error{looked.damage.empty() ? looked.info.description + ": has no frames"
-                                       : looked.damage};
-  }
-  return looked;
-}
-
-void tellOfSource(const Looked& looked) {
-  tell({Level::kGood, "source", looked.info.description});
-  for (const std::string& warning : looked.info.warnings) tell({Level::kNote, "source", warning});
-  if (!looked.damage.empty()) tell({Level::kBad, "source", looked.damage});
-  if (looked.info.photographs) {
-    tell({Level::kNote, "times",
-          "nobody says when the images were taken: one is not followed to "
-          "the next (frames.txt or --fps of waymark run say it)"});
-  } else {
-    tell(diagnosis::timesFinding(looked.times_ns, looked.info.rate_hz));
-  }
-  const auto quality = diagnosis::medianQuality(looked.samples.images());
-  for (const Finding& finding : diagnosis::qualityFindings(quality)) tell(finding);
-}
 
 // Empty where no family was found.
 std::optional<std::string> tellOfFamilies(const DoctorArguments& arguments, const Looked& looked) {
@@ -197,17 +127,6 @@ void tellOfLens(const Tried& tried) {
   for (const std::string& advice : tried.verdict.advice) tell({Level::kNote, "poses", advice});
 }
 
-void tellOfComputer() {
-  const std::string url = daemon::Configuration::Publish{}.url;
-  const auto address = daemon::multicastAddress(url);
-  const bool route = address && daemon::hasRoute(*address);
-  tell(route ? Finding{Level::kGood, "multicast", "there is a route for " + url}
-             : Finding{Level::kBad, "multicast",
-                       "no route for " + url +
-                           ": sudo ip link set lo multicast on; sudo ip route "
-                           "add 224.0.0.0/4 dev lo"});
-}
-
 Result<ExitCode> examine(const DoctorArguments& arguments) {
   cv::setNumThreads(1);
   if (std::filesystem::path(arguments.source).extension() == ".csv") {
@@ -220,7 +139,10 @@ Result<ExitCode> examine(const DoctorArguments& arguments) {
   const Result<std::optional<slam::Calibration>> lens = lensOf(arguments);
   if (!lens) return lens.error();
   const daemon::StopSignal stop;
-  const Result<Looked> looked = look(arguments, stop);
+  Result<std::unique_ptr<capture::FrameSource>> source = capture::openSource(arguments.source, {});
+  if (!source) return Error{withPermissionHint(source.error().message)};
+  const Result<Looked> looked = lookAt(**source, arguments.frames, stop);
+  source->reset();  // it is opened again
   if (!looked) return looked.error();
   tellOfSource(*looked);
   const std::optional<std::string> family = tellOfFamilies(arguments, *looked);

@@ -18,8 +18,10 @@
 #include "tools/print_command.h"
 #include "tools/record_command.h"
 #include "tools/run_command.h"
+#include "tools/setup_command.h"
 #include "tools/simulate_command.h"
 #include "tools/usage_fault.h"
+#include "tools/view_command.h"
 
 int main(int argc, char** argv) {
   using namespace waymark::tools;
@@ -27,6 +29,7 @@ int main(int argc, char** argv) {
   CLI::App app{"Marker SLAM: metric camera poses from printed markers.", "waymark"};
   app.set_version_flag("--version", "waymark " WAYMARK_VERSION);
   app.require_subcommand(1);
+  addSetupCommand(app, &exit_code);
   addRunCommand(app, &exit_code);
   addDoctorCommand(app, &exit_code);
   addRecordCommand(app, &exit_code);
@@ -39,6 +42,7 @@ int main(int argc, char** argv) {
   addNaturalCommand(app, &exit_code);
   addCalibrateCommand(app, &exit_code);
   addPrintCommand(app, &exit_code);
+  addViewCommand(app, &exit_code);
 
   try {
     app.parse(argc, argv);
