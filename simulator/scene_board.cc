@@ -69,7 +69,7 @@ PosterImage drawBoard(bool with_markers) {
 // Round the board at two heights, tilted by 15 to 45 degrees; what is looked at goes round, too, so
 // that the board comes into all corners of the image.
 Trajectory walk(const Build& build) {
-  constexpr double kWay_s = 30.0;
+  constexpr double kWay_s = 66.0;
   constexpr int kStops = 30;
   std::vector<Vector4d> eye;
   std::vector<Vector4d> target;

@@ -52,10 +52,12 @@ std::string reasonFor(const Options& options) {
   return simulation ? "" : simulation.error().message;
 }
 
-// Where markers are seen now and then only; scenes_test.cc says when.
+// Where markers are seen now and then only (scenes_test.cc says when), or never: those of a board
+// for calibration are no map's.
 bool hasGaps(const std::string& scene) {
-  static const std::set<std::string> kGaps = {"building", "corridor", "office",
-                                              "trouble",  "table",    "table_fiducials"};
+  static const std::set<std::string> kGaps = {"building", "corridor",  "office",
+                                              "trouble",  "table",     "table_fiducials",
+                                              "board",    "chessboard"};
   return kGaps.contains(scene);
 }
 

@@ -156,6 +156,42 @@ TEST_F(CalibrateTool, BadInput) {
   EXPECT_FALSE(fs::exists(directory_ / "out"));
 }
 
+// The chapter without a camera: a simulated one, whose lens is known.
+TEST(CalibrateSimulated, FindsTheLensOfTheScenes) {
+  for (const std::string board : {"charuco", "chessboard"}) {
+    const TemporaryDirectory directory;
+    const std::string scene = board == "charuco" ? "board" : "chessboard";
+    const std::string frames = directory / "scene";
+    ASSERT_EQ(
+        waymark({"simulate", scene, "--out", frames, "--duration", "40", "--quiet"}).exit_code, 0);
+    const ProgramResult result = waymark({"calibrate", frames + "/frames.avi", "--board", board,
+                                          "--out", directory / "lens", "--quiet"});
+    ASSERT_EQ(result.exit_code, 0) << result.err;
+    const auto truth = io::readCalibration(frames + "/calib.yml");
+    const auto found = io::readCalibration(directory / "lens" / "calib.yml");
+    ASSERT_TRUE(truth && found);
+    EXPECT_NEAR(found->fx, truth->fx, 0.5) << board;
+    EXPECT_NEAR(found->fy, truth->fy, 0.5) << board;
+    EXPECT_NEAR(found->cx, truth->cx, 0.5) << board;
+    EXPECT_NEAR(found->cy, truth->cy, 0.5) << board;
+    EXPECT_NEAR(found->distortion[0], truth->distortion[0], 0.003) << board;
+  }
+}
+
+TEST(BoardOfAChessboard, HasNoMarkers) {
+  const TemporaryDirectory directory;
+  const std::string pdf = directory / "b.pdf";
+  EXPECT_EQ(waymark({"print", "board", "--board", "chessboard", "--out", pdf}).exit_code, 0);
+  const std::string toml = readFile(directory / "b.toml");
+  EXPECT_NE(toml.find("kind = \"chessboard\""), std::string::npos) << toml;
+  EXPECT_EQ(toml.find("marker"), std::string::npos) << toml;
+  EXPECT_EQ(waymark({"print", "board", "--board", directory / "b.toml", "--out", pdf}).exit_code, 0)
+      << "it reads back";
+  expectBadInput(
+      waymark({"print", "board", "--board", "chessboard", "--marker-size", "0.01", "--out", pdf}),
+      "a chessboard has no markers");
+}
+
 // A known layout is a board, too. Real photographs.
 TEST(CalibrateRecording, AgreesWithTheCalibrationThatCameWithIt) {
   const char* const shared = std::getenv("WAYMARK_SHARED_DATA");

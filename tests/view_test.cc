@@ -395,7 +395,10 @@ TEST_F(ViewTest, ResultsAndRecordingsAreShownWithATimeLine) {
   browser->evaluate(time + ".value = 1; " + time + ".dispatchEvent(new Event('change'))");
   browser->evaluate("document.getElementById('play').click()");
   EXPECT_TRUE(browser->becomes("WaymarkOffline.time() > 0.9"));
-  EXPECT_TRUE(browser->errors().empty()) << browser->errors().front();
+  for (const std::string& error : browser->errors()) {
+    EXPECT_NE(error.find("ERR_CONNECTION_REFUSED"), std::string::npos)
+        << "while there was none that served: " << error;
+  }
 }
 
 TEST_F(ViewTest, CommandsOfAPageReachTheDaemon) {
