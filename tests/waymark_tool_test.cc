@@ -102,7 +102,7 @@ TEST_F(WaymarkTool, HelpAndVersion) {
 
 TEST_F(WaymarkTool, BadUsageIsOneLine) {
   expectBadInput(waymark({}), "subcommand");
-  expectBadInput(waymark({"fly"}), "'fly' is no command of waymark; there are run, ");
+  expectBadInput(waymark({"fly"}), "'fly' is no command of waymark; there are setup, run, ");
   expectBadInput(waymark({"ctl"}), "subcommand");
   expectBadInput(waymark({"ctl", "nonsense"}),
                  "'nonsense' is no command of ctl; there are status, ");
@@ -115,7 +115,7 @@ TEST_F(WaymarkTool, BadUsageIsOneLine) {
 TEST_F(WaymarkTool, WhatWasProbablyMeant) {
   expectBadInput(waymark({"calibrat"}),
                  "'calibrat' is no command of waymark; did you mean "
-                 "calibrate? There are run, ");
+                 "calibrate? There are setup, run, ");
   expectBadInput(waymark({"ctl", "statsu"}), "'statsu' is no command of ctl; did you mean status?");
   expectBadInput(waymark({"run", "a.avi", "--dictonary", "4X4_50"}),
                  "'--dictonary' is no option of run; did you mean --dictionary?");
