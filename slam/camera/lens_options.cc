@@ -13,6 +13,7 @@ std::string LensWatchOptions::invalidReason() const {
       {first_frames >= 1 && max_frames >= first_frames, "a lens needs at least 1 view"},
       {min_interval_ns >= 0 && isNotNegative(min_turn_rad),
        "the distance of two views of a lens must not be negative"},
+      {isPositive(max_change), "the change of a focal length must be positive"},
       {isShare(share_beside_loops), "a lens's share beside loops must be from 0 to 1"},
   });
 }

@@ -25,7 +25,10 @@ struct LensWatchOptions {
   // the markers).
   std::int64_t min_interval_ns = 60'000'000;
   double min_turn_rad = 0.02;
-
+  // While the map grows, a focal length that changes by more than this share of it is no change of
+  // focus (an autofocus breathes by some per cent) but a map that is bent. Larger takes bends for
+  // the lens, smaller misses what long lenses do close by.
+  double max_change = 0.1;
   // While a loop is being closed, which may look like another lens, an estimate gets this share of
   // Options::work_per_frame; else all of it. Larger makes those frames longer.
   double share_beside_loops = 0.2;

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <array>
+#include <cmath>
 #include <utility>
 #include <vector>
 
@@ -76,8 +77,10 @@ bool LensWatch::isAnotherView(const FrameTime& time, const Transform& T_w_c,
 
 void LensWatch::work(double cost, const RollingShutterEstimator& shutter,
                      const BundleOptions& optimization) {
-  // A rolling shutter that is only just being learned looks like a lens that has changed.
+  // A rolling shutter that is only just being learned looks like a lens that has changed; and so
+  // does a lens that is itself only being learned, in a map that grows with it.
   if (map_grows_ && !shutter.isGiven() && shutter.seconds() != 0.0) return;
+  if (map_grows_ && knowledge_->state == LensState::kLearning) return;
   if (!estimate_ && asks() && static_cast<int>(seen_.keyframes().size()) >= next_frames_) {
     settled_ = next_frames_ >= options_.watch.max_frames;
     next_frames_ = std::min(2 * next_frames_, options_.watch.max_frames);
@@ -100,6 +103,8 @@ bool LensWatch::believes(const LensEstimate& estimate) const {
   // A bend in a growing map looks a little like another lens, too.
   constexpr double kSurely = 0.6;
   const double material = map_grows_ ? kSurely * options_.material_rms : options_.material_rms;
+  const double change = std::abs(estimate.camera.focalLength() / camera_->focalLength() - 1.0);
+  if (map_grows_ && change > options_.watch.max_change) return false;
   return lensChange(estimate, *camera_) > options_.min_chi2 &&
          estimate.rms_after_px < material * estimate.rms_before_px &&
          coversImage(estimate.camera) >= coversImage(*camera_);

@@ -101,5 +101,26 @@ TEST_F(LensWatchTest, NoticesALensThatChangesUnderWay) {
   EXPECT_EQ(framesUntilLearned(after, 150, &watch), -1) << "and that is that";
 }
 
+// What looks like one in a map that grows is a bend of the map.
+TEST_F(LensWatchTest, AZoomIsNoChangeOfFocusWhileTheMapGrows) {
+  const CameraModel zoomed = scaled(truth_, 1.2, 0.0);
+  LensWatch in_growing_map({}, options_, /*map_grows=*/true, &camera_, &knowledge_);
+  EXPECT_EQ(framesUntilLearned(truth_, 150, &in_growing_map), -1);
+  EXPECT_EQ(framesUntilLearned(zoomed, 150, &in_growing_map), -1);
+  EXPECT_EQ(camera_.calibration(), truth_.calibration());
+  LensWatch in_known_map({}, options_, /*map_grows=*/false, &camera_, &knowledge_);
+  EXPECT_GT(framesUntilLearned(zoomed, 200, &in_known_map), 0) << "which cannot bend";
+}
+
+// A map that grows together with a lens that is still being learned changes with it.
+TEST_F(LensWatchTest, ALensThatIsBeingLearnedIsNotWatchedWhileTheMapGrows) {
+  LensWatch watch({}, options_, /*map_grows=*/true, &camera_, &knowledge_);
+  EXPECT_EQ(framesUntilLearned(truth_, 150, &watch), -1);
+  knowledge_.state = LensState::kLearning;
+  EXPECT_EQ(framesUntilLearned(scaled(truth_, 1.03, 0.0), 150, &watch), -1);
+  knowledge_.state = LensState::kLearned;
+  EXPECT_GT(framesUntilLearned(scaled(truth_, 1.03, 0.0), 150, &watch), 0);
+}
+
 }  // namespace
 }  // namespace waymark::slam
