@@ -56,7 +56,7 @@ struct LensOptions {
   // spend so much of a frame, in the units of Options::work_per_frame, and what is left of that
   // later.
   int urgent_keyframes = 40;
-  double urgent_cost = 800.0;
+  double urgent_cost = 1200.0;
   // An estimate is believed instead of the lens in use when it differs from it by this much:
   // chi-square of the intrinsics, by their covariance. 28 is the 99.9 % quantile of the nine; but
   // paper that is not flat and shutters that roll look like a little of a wrong lens. Smaller takes
