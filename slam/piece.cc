@@ -255,7 +255,7 @@ class Piece::Impl {
     const StageScope scope(observer, Stage::kMap);
     lens_watch_.look(frame.time, frame.solution.T_w_c, frame.twist, frame.eligible);
     const double share = updater_.loopsIdle() ? 1.0 : options_.lens.watch.share_beside_loops;
-    lens_watch_.work(share * options_.work_per_frame, rolling_shutter_,
+    lens_watch_.work(share * options_.lens.watch.cost_per_frame, rolling_shutter_,
                      options_.loops.optimization);
   }
 

@@ -14,6 +14,7 @@ std::string LensWatchOptions::invalidReason() const {
       {min_interval_ns >= 0 && isNotNegative(min_turn_rad),
        "the distance of two views of a lens must not be negative"},
       {isPositive(max_change), "the change of a focal length must be positive"},
+      {isPositive(cost_per_frame), "the cost of watching a lens must be positive"},
       {isShare(share_beside_loops), "a lens's share beside loops must be from 0 to 1"},
   });
 }

@@ -29,8 +29,10 @@ struct LensWatchOptions {
   // focus (an autofocus breathes by some per cent) but a map that is bent. Larger takes bends for
   // the lens, smaller misses what long lenses do close by.
   double max_change = 0.1;
-  // While a loop is being closed, which may look like another lens, an estimate gets this share of
-  // Options::work_per_frame; else all of it. Larger makes those frames longer.
+  // What an estimate may spend of a frame, in the units of Options::work_per_frame. More knows the
+  // lens sooner, and makes those frames longer.
+  double cost_per_frame = 400.0;
+  // While a loop is being closed, which may look like another lens, it gets this share of that.
   double share_beside_loops = 0.2;
 
   // Empty when usable, else what is wrong.

@@ -85,43 +85,40 @@ bool MarkerScreening::banDuplicates(Map* map, Counters* counters) {
 }
 
 void MarkerScreening::record(int marker_id, bool fits, std::int64_t time_ns) {
+  auto known = std::ranges::lower_bound(disagreements_, marker_id, {}, &Disagreement::marker);
+  const bool is_known = known != disagreements_.end() && known->marker == marker_id;
   if (fits) {
-    disagreements_.erase(marker_id);
+    if (is_known) disagreements_.erase(known);
     return;
   }
-  Disagreement& disagreement = disagreements_[marker_id];
-  if (disagreement.frames == 0) disagreement.since_ns = time_ns;
-  ++disagreement.frames;
-  disagreement.until_ns = time_ns;
+  if (!is_known) {
+    known = disagreements_.insert(known, {.marker = marker_id, .since_ns = time_ns});
+  }
+  ++known->frames;
+  known->until_ns = time_ns;
 }
 
-bool MarkerScreening::hasMoved(int marker_id, const Disagreement& disagreement,
-                               const Map& map) const {
+bool MarkerScreening::hasMoved(const Disagreement& disagreement, const Map& map) const {
   return disagreement.frames >= options_.moved_frames &&
          disagreement.until_ns - disagreement.since_ns >= options_.moved_ns &&
-         map.findPosed(marker_id) != nullptr;
+         map.findPosed(disagreement.marker) != nullptr;
 }
 
 bool MarkerScreening::suspectsMoved(const Map& map) const {
-  return std::any_of(disagreements_.begin(), disagreements_.end(),
-                     [&](const auto& entry) { return hasMoved(entry.first, entry.second, map); });
+  return std::ranges::any_of(disagreements_, [&](const Disagreement& disagreement) {
+    return hasMoved(disagreement, map);
+  });
 }
 
 bool MarkerScreening::quarantineMoved(Map* map, Counters* counters) {
-  bool changed = false;
-  for (auto it = disagreements_.begin(); it != disagreements_.end();) {
-    const auto& [id, disagreement] = *it;
-    if (!hasMoved(id, disagreement, *map)) {
-      ++it;
-      continue;
-    }
-    const std::size_t moves = map->find(id)->former_poses.size();
+  const auto moved = std::erase_if(disagreements_, [&](const Disagreement& disagreement) {
+    if (!hasMoved(disagreement, *map)) return false;
+    const std::size_t moves = map->find(disagreement.marker)->former_poses.size();
     const bool too_often = static_cast<int>(moves) >= options_.max_moves;
-    (too_often ? ban : quarantine)(id, map, counters);
-    changed = true;
-    it = disagreements_.erase(it);
-  }
-  return changed;
+    (too_often ? ban : quarantine)(disagreement.marker, map, counters);
+    return true;
+  });
+  return moved > 0;
 }
 
 void MarkerScreening::checkReturned(int marker_id, Map* map, Counters* counters) const {

@@ -38,7 +38,10 @@ struct MarkerScreeningOptions {
 class MarkerScreening {
  public:
   MarkerScreening(const MarkerOptions& markers, const MarkerScreeningOptions& options)
-      : markers_(markers), options_(options) {}
+      : markers_(markers), options_(options) {
+    constexpr std::size_t kUsual = 64;  // more are seldom in view: steady tracking takes no memory
+    disagreements_.reserve(kUsual);
+  }
 
   // The detections that may be used, sorted by id: not ignored, not banned, no duplicates in this
   // frame, not clipped. Valid until the next call.
@@ -74,6 +77,7 @@ class MarkerScreening {
     std::size_t clipped = 0;
   };
   struct Disagreement {
+    int marker = -1;
     int frames = 0;
     std::int64_t since_ns = 0;
     std::int64_t until_ns = 0;
@@ -81,14 +85,13 @@ class MarkerScreening {
 
   [[nodiscard]] LeftOut sift(std::span<const MarkerDetection> detections, const CameraModel& camera,
                              const Map& map, std::vector<MarkerDetection>* usable) const;
-  [[nodiscard]] bool hasMoved(int marker_id, const Disagreement& disagreement,
-                              const Map& map) const;
+  [[nodiscard]] bool hasMoved(const Disagreement& disagreement, const Map& map) const;
 
   MarkerOptions markers_;
   MarkerScreeningOptions options_;
-  std::vector<MarkerDetection> usable_;        // of the last frame
-  std::map<int, Disagreement> disagreements_;  // by id; only those that go on
-  std::map<int, int> doubled_;                 // frames by id
+  std::vector<MarkerDetection> usable_;      // of the last frame
+  std::vector<Disagreement> disagreements_;  // by marker, ascending; only those that go on
+  std::map<int, int> doubled_;               // frames by id
 };
 
 }  // namespace waymark::slam
