@@ -25,9 +25,9 @@ struct SetLogLevelRequest {
   LogLevel level = LogLevel::kInfo;
 };
 
-using ControlRequest = std::variant<StatusRequest, SaveMapRequest, LoadMapRequest, ResetRequest,
-                                    RecordRequest, PreviewRequest, ReloadRequest,
-                                    SetLogLevelRequest>;
+using ControlRequest =
+    std::variant<StatusRequest, SaveMapRequest, LoadMapRequest, ResetRequest, RecordRequest,
+                 PreviewRequest, ReloadRequest, SetLogLevelRequest>;
 
 // {"command":"load-map","file":"/var/lib/waymark/map.json"} and the like; docs/control.md lists
 // them. Unknown commands and keys, missing ones and wrong values are errors that name them.
