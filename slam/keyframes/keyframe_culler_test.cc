@@ -6,35 +6,16 @@
 #include <gtest/gtest.h>
 
 #include "slam/keyframes/farthest_views.h"
+#include "slam/testing/seen_marker.h"
 
 namespace waymark::slam {
 namespace {
 
-MarkerDetection viewOf(int id) {
-  MarkerDetection d;
-  d.id = id;
-  return d;
-}
-
-// A line of keyframes 10 cm apart that all see marker 1; one of them sees marker 2 as well.
-Map rowOfKeyframes(int count, int sees_another = -1) {
-  Map map;
-  for (const int id : {1, 2}) {
-    map.addMarker(id, 0.1);
-    map.place(id, Transform{});
-  }
-  for (int i = 0; i < count; ++i) {
-    Keyframe keyframe;
-    keyframe.T_w_c.p = {0.1 * i, 0.0, 0.0};
-    keyframe.detections = {viewOf(1)};
-    if (i == sees_another) keyframe.detections.push_back(viewOf(2));
-    (void)map.addKeyframe(keyframe);
-  }
-  return map;
-}
+using testing::lineOfKeyframes;
+using testing::seen;
 
 TEST(KeyframeCuller, CullingKeepsTheMostDistantViewsAndTheFirst) {
-  Map map = rowOfKeyframes(21);
+  Map map = lineOfKeyframes(21);
   KeyframeOptions options;
   options.views_per_marker = 5;
   KeyframeCuller culler(options);
@@ -48,7 +29,7 @@ TEST(KeyframeCuller, CullingKeepsTheMostDistantViewsAndTheFirst) {
 }
 
 TEST(KeyframeCuller, CullingLeavesAMarkerItsOnlyViews) {
-  Map map = rowOfKeyframes(21, 7);
+  Map map = lineOfKeyframes(21, 7);
   KeyframeOptions options;
   options.views_per_marker = 3;
   KeyframeCuller culler(options);
@@ -93,7 +74,7 @@ TEST(KeyframeCuller, RemembersWhatMarkersChoseAsIfTheyChoseAnew) {
     const int first = any_marker(random);
     std::set<int> ids;
     for (int k = 0; k < 4; ++k) ids.insert((first + k * k) % 20);
-    for (const int id : ids) keyframe.detections.push_back(viewOf(id));
+    for (const int id : ids) keyframe.detections.push_back(seen(id));
     const KeyframeId newest = map.addKeyframe(keyframe);
     if (i % 50 == 49) {  // a chosen view is found wrong
       const int marker = any_marker(random);

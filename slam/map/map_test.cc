@@ -6,15 +6,12 @@
 #include <gtest/gtest.h>
 
 #include "slam/testing/scene.h"
+#include "slam/testing/seen_marker.h"
 
 namespace waymark::slam {
 namespace {
 
-MarkerDetection seen(int id) {
-  MarkerDetection detection;
-  detection.id = id;
-  return detection;
-}
+using testing::seen;
 
 // Keyframes 0, 1, 2 that see markers {1, 2}, {2, 3} and {4}.
 Map smallMap() {

@@ -2,14 +2,12 @@
 
 #include <gtest/gtest.h>
 
+#include "slam/testing/seen_marker.h"
+
 namespace waymark::slam {
 namespace {
 
-MarkerDetection seen(int id) {
-  MarkerDetection detection;
-  detection.id = id;
-  return detection;
-}
+using testing::seen;
 
 // A walk past the markers 0 to 5: keyframe i, at x = i metres, sees the markers i and i + 1.
 class LocalMarkersTest : public ::testing::Test {
