@@ -1,13 +1,13 @@
 #include "view/lcm_input.h"
 
 #include <chrono>
-#include <exception>
 #include <utility>
 
 #include <unistd.h>
 
 #include "base/clock.h"
 #include "daemon/publish/lcm_link.h"
+#include "view/decode_message.h"
 
 namespace waymark::view {
 
@@ -43,19 +43,11 @@ void LcmInput::retry(const std::string& fault) {
   });
 }
 
-// Anybody can send on a channel, and the generated code throws on impossible lengths.
 template <typename Message>
 bool LcmInput::subscribe(const std::string& channel) {
   const auto receive = [](const lcm_recv_buf_t* buffer, const char*, void* self) {
-    LiveState& state = static_cast<LcmInput*>(self)->state_;
-    Message message{};
-    try {
-      const int size = static_cast<int>(buffer->data_size);
-      if (message.decode(buffer->data, 0, size) < 0) return state.addMalformed();
-    } catch (const std::exception&) {
-      return state.addMalformed();
-    }
-    state.add(message, monotonicNs());
+    addDecoded<Message>(buffer->data, buffer->data_size, monotonicNs(),
+                        &static_cast<LcmInput*>(self)->state_);
   };
   lcm_subscription_t* subscription = lcm_subscribe(lcm_.get(), channel.c_str(), receive, this);
   if (subscription == nullptr) return false;

@@ -2,12 +2,12 @@
 
 #include <algorithm>
 #include <cmath>
-#include <exception>
 #include <utility>
 
 #include <bot_core/image_t.hpp>
 
 #include "capture/recorded_image.h"
+#include "view/decode_message.h"
 
 namespace waymark::view {
 namespace {
@@ -18,26 +18,9 @@ constexpr std::int64_t kSecond_us = 1'000'000;
 // What is shown after a jump was told before: the map every five seconds, at least.
 constexpr std::int64_t kBefore_us = 6 * kSecond_us;
 
-// Anything may be in a file, and the generated code throws on impossible lengths.
-template <typename Message>
-std::optional<Message> decoded(const eventlog::Event& event) {
-  Message message{};
-  try {
-    const int size = static_cast<int>(event.data.size());
-    if (message.decode(event.data.data(), 0, size) < 0) return std::nullopt;
-  } catch (const std::exception&) {
-    return std::nullopt;
-  }
-  return message;
-}
-
 template <typename Message>
 void give(const eventlog::Event& event, std::int64_t now_ns, LiveState* state) {
-  if (const auto message = decoded<Message>(event)) {
-    state->add(*message, now_ns);
-  } else {
-    state->addMalformed();
-  }
+  addDecoded<Message>(event.data.data(), event.data.size(), now_ns, state);
 }
 
 }  // namespace

@@ -1,17 +1,19 @@
 #include "view/result_view.h"
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <cstdint>
 #include <map>
 #include <optional>
-#include <span>
 #include <string_view>
 #include <utility>
 
-#include <Eigen/Eigenvalues>
+#include <Eigen/Core>
+#include <Eigen/Geometry>
 
+#include "daemon/frames/map_snapshot.h"
+#include "daemon/publish/message_fields.h"
+#include "daemon/publish/messages.h"
 #include "io/maps/map_file.h"
 #include "io/text/number_text.h"
 #include "io/text/text_file.h"
@@ -24,77 +26,15 @@ namespace {
 namespace fs = std::filesystem;
 using io::Json;
 
-constexpr std::size_t kMarkersInAPart = 140;
-
-double worstSigma(const Eigen::Matrix3d& covariance) {
-  const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> solver(covariance, Eigen::EigenvaluesOnly);
-  return std::sqrt(std::max(0.0, solver.eigenvalues().maxCoeff()));
-}
-
-marker_t posed(const slam::MapMarker& marker, const slam::Map& map) {
-  marker_t m{};
-  m.id = marker.id;
-  m.size = marker.size_m;
-  const Eigen::Quaterniond q = marker.T_w_m->quaternion();
-  std::copy_n(marker.T_w_m->p.data(), 3, m.p_w_m);
-  const std::array<double, 4> wxyz = {q.w(), q.x(), q.y(), q.z()};
-  std::ranges::copy(wxyz, m.q_w_m);
-  m.state = marker.other_T_w_m ? marker_t::STATE_UNDECIDED : marker_t::STATE_MAPPED;
-  m.views = static_cast<std::int32_t>(map.viewsOf(marker.id).size());
-  m.sigma_m = worstSigma(marker.world_covariance.topLeftCorner<3, 3>());
-  m.map_piece = map.piece;
-  return m;
-}
-
-std::int8_t unposedState(slam::MarkerState state) {
-  switch (state) {
-    case slam::MarkerState::kQuarantined:
-      return unposed_marker_t::STATE_QUARANTINED;
-    case slam::MarkerState::kBanned:
-      return unposed_marker_t::STATE_REFUSED;
-    case slam::MarkerState::kElsewhere:
-      return unposed_marker_t::STATE_ELSEWHERE;
-    default:
-      return unposed_marker_t::STATE_UNRESOLVED;
-  }
-}
-
-void addPiece(const slam::Map& map, map_t* all) {
-  all->keyframe_count += static_cast<std::int32_t>(map.keyframes().size());
-  for (const auto& [id, marker] : map.markers()) {
-    if (slam::isPicture(id)) continue;
-    if (marker.T_w_m) {
-      all->markers.push_back(posed(marker, map));
-      continue;
-    }
-    unposed_marker_t m{};
-    m.id = id;
-    m.size = marker.size_m;
-    m.state = unposedState(marker.state);
-    m.views = static_cast<std::int32_t>(map.viewsOf(id).size());
-    all->unposed.push_back(m);
-  }
-}
-
 std::vector<map_t> partsOf(const io::MapFile& file) {
-  map_t all{};
-  all.revision = 1;
-  all.dictionary = file.map.dictionary;
-  addPiece(file.map, &all);
-  for (const slam::Map& piece : file.other_pieces) addPiece(piece, &all);
-  std::vector<map_t> parts;
-  const std::size_t count =
-      std::max<std::size_t>(1, (all.markers.size() + kMarkersInAPart - 1) / kMarkersInAPart);
-  for (std::size_t i = 0; i < count; ++i) {
-    map_t part = all;
-    const auto begin = all.markers.begin() + static_cast<std::ptrdiff_t>(i * kMarkersInAPart);
-    const auto end = all.markers.begin() + static_cast<std::ptrdiff_t>(std::min(
-                                               all.markers.size(), (i + 1) * kMarkersInAPart));
-    part.markers.assign(begin, end);
-    if (i > 0) part.unposed.clear();
-    part.piece = static_cast<std::int32_t>(i);
-    part.piece_count = static_cast<std::int32_t>(count);
-    parts.push_back(std::move(part));
+  std::vector<const slam::Map*> pieces = {&file.map};
+  for (const slam::Map& piece : file.other_pieces) pieces.push_back(&piece);
+  daemon::MapSnapshot snapshot;
+  daemon::fillSnapshot(pieces, &snapshot);
+  std::vector<map_t> parts(static_cast<std::size_t>(daemon::mapPieceCount(snapshot)));
+  for (std::size_t i = 0; i < parts.size(); ++i) {
+    daemon::fillMapPiece(snapshot, file.map.dictionary, /*revision=*/1, static_cast<int>(i),
+                         parts[i]);
   }
   return parts;
 }
@@ -155,7 +95,7 @@ Result<Track> readTrack(const fs::path& file) {
     Eigen::Matrix3d covariance;
     covariance << v[8], v[9], v[10], v[9], v[11], v[12], v[10], v[12], v[13];
     track.poses.push_back({*t, v[0], v[1], v[2], v[3], v[4], v[5], v[6], v[7],
-                           worstSigma(covariance), v[14], v[15], source});
+                           daemon::positionSigma(covariance), v[14], v[15], source});
     slam::Transform T_w_c;
     T_w_c.R = Eigen::Quaterniond(v[3], v[4], v[5], v[6]).normalized().toRotationMatrix();
     T_w_c.p = {v[0], v[1], v[2]};

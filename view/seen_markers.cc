@@ -1,13 +1,13 @@
 #include "view/seen_markers.h"
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <optional>
 
 #include <Eigen/Core>
 #include <Eigen/Geometry>
 
+#include "slam/detection/marker_detection.h"
 #include "slam/geometry/camera_model.h"
 
 namespace waymark::view {
@@ -45,15 +45,13 @@ Eigen::Quaterniond orientation(const double (&q)[4]) {
 }
 
 Json expectedCorners(const marker_t& marker, const pose_t& pose, const slam::CameraModel& camera) {
-  static constexpr std::array<std::array<double, 2>, 4> kCorners = {
-      {{-0.5, 0.5}, {0.5, 0.5}, {0.5, -0.5}, {-0.5, -0.5}}};
   const Eigen::Vector3d p_w_m(marker.p_w_m[0], marker.p_w_m[1], marker.p_w_m[2]);
   const Eigen::Vector3d p_w_c(pose.p_w_c[0], pose.p_w_c[1], pose.p_w_c[2]);
   const Eigen::Quaterniond q_w_m = orientation(marker.q_w_m);
   const Eigen::Quaterniond q_c_w = orientation(pose.q_w_c).conjugate();
   Json corners = Json::array();
-  for (const auto& [x, y] : kCorners) {
-    const Eigen::Vector3d p_w = q_w_m * (marker.size * Eigen::Vector3d(x, y, 0.0)) + p_w_m;
+  for (const Eigen::Vector3d& corner_m : slam::markerCorners(marker.size)) {
+    const Eigen::Vector3d p_w = q_w_m * corner_m + p_w_m;
     const std::optional<Eigen::Vector2d> pixel = camera.project(q_c_w * (p_w - p_w_c));
     if (!pixel || !pixel->allFinite()) return nullptr;
     corners.push_back({pixel->x(), pixel->y()});

@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "base/clock.h"
+#include "daemon/frames/map_snapshot.h"
 
 namespace waymark::daemon {
 
@@ -141,46 +142,11 @@ void SlamLoop::handOnMapWhenDue(const capture::FrameStamp& stamp) {
 void SlamLoop::handOnMap(const capture::FrameStamp& stamp) {
   MapSnapshot& snapshot = output_.map.writeBuffer();
   snapshot.stamp = stamp;
-  snapshot.keyframe_count = 0;
-  snapshot.markers.clear();
-  snapshot.pictures.clear();
-  snapshot.unposed.clear();
   const std::vector<const slam::Map*> pieces = slam_->pieces();
-  for (const slam::Map* const piece : pieces) addTo(&snapshot, *piece);
-  if (pieces.size() > 1) tellUnposedOnce(&snapshot);
+  fillSnapshot(pieces, &snapshot);
   reportMapSize(snapshot, pieces.size());
   output_.map.publish();
   map_changed_ = false;
-}
-
-// Several pieces may have seen a marker that one of them, or none, has a place for.
-void SlamLoop::tellUnposedOnce(MapSnapshot* snapshot) {
-  std::vector<MapSnapshot::Unposed>& unposed = snapshot->unposed;
-  std::erase_if(unposed, [&](const MapSnapshot::Unposed& marker) {
-    return std::ranges::find(snapshot->markers, marker.id, &MapSnapshot::Marker::id) !=
-           snapshot->markers.end();
-  });
-  std::ranges::sort(unposed, [](const auto& a, const auto& b) {
-    return std::pair(a.id, -a.views) < std::pair(b.id, -b.views);
-  });
-  const auto twice = std::ranges::unique(unposed, {}, &MapSnapshot::Unposed::id);
-  unposed.erase(twice.begin(), twice.end());
-}
-
-void SlamLoop::addTo(MapSnapshot* snapshot, const slam::Map& piece) {
-  snapshot->keyframe_count += static_cast<int>(piece.keyframes().size());
-  for (const auto& [id, marker] : piece.markers()) {
-    const int views = static_cast<int>(piece.viewsOf(id).size());
-    if (!marker.T_w_m) {
-      if (!slam::isPicture(id)) {
-        snapshot->unposed.push_back({id, marker.size_m, marker.state, views});
-      }
-      continue;
-    }
-    auto& of_its_kind = slam::isPicture(id) ? snapshot->pictures : snapshot->markers;
-    of_its_kind.push_back({id, marker.size_m, *marker.T_w_m, marker.world_covariance,
-                           marker.other_T_w_m.has_value(), views, piece.piece});
-  }
 }
 
 void SlamLoop::reportMapSize(const MapSnapshot& snapshot, std::size_t pieces) {

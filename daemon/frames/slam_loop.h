@@ -82,8 +82,6 @@ class SlamLoop {
   void givePreviewWhenDue(const slam::FrameInput& input, const slam::FrameResult& result);
   void countMapChange();
   void reportMapSize(const MapSnapshot& snapshot, std::size_t pieces);
-  static void addTo(MapSnapshot* snapshot, const slam::Map& piece);
-  static void tellUnposedOnce(MapSnapshot* snapshot);
   [[nodiscard]] bool tookTooLong(std::int64_t processing_ns) const;
   void handOnMapWhenDue(const capture::FrameStamp& stamp);
   void handOnMap(const capture::FrameStamp& stamp);

@@ -2,8 +2,10 @@
 #pragma once
 
 #include <algorithm>
+#include <cmath>
 
 #include <Eigen/Core>
+#include <Eigen/Eigenvalues>
 #include <Eigen/Geometry>
 
 #include "slam/geometry/transform.h"
@@ -23,6 +25,12 @@ inline void put(const Eigen::Quaterniond& q, double (&out)[4]) {
 // Row by row.
 inline void put(const slam::Matrix6d& matrix, double (&out)[36]) {
   Eigen::Map<Eigen::Matrix<double, 6, 6, Eigen::RowMajor>>{out} = matrix;
+}
+
+// Of a position, along its worst axis.
+inline double positionSigma(const Eigen::Matrix3d& covariance) {
+  const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> axes(covariance, Eigen::EigenvaluesOnly);
+  return std::sqrt(std::max(0.0, axes.eigenvalues().maxCoeff()));
 }
 
 }  // namespace waymark::daemon

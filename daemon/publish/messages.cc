@@ -1,10 +1,7 @@
 #include "daemon/publish/messages.h"
 
 #include <algorithm>
-#include <cmath>
 #include <span>
-
-#include <Eigen/Eigenvalues>
 
 #include "daemon/publish/message_fields.h"
 
@@ -28,13 +25,6 @@ std::int8_t unposedState(slam::MarkerState state) {
       return unposed_marker_t::STATE_UNRESOLVED;
   }
   return unposed_marker_t::STATE_UNRESOLVED;
-}
-
-// Along the worst axis.
-double positionSigma(const slam::Matrix6d& covariance) {
-  const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> axes(covariance.topLeftCorner<3, 3>(),
-                                                            Eigen::EigenvaluesOnly);
-  return std::sqrt(std::max(0.0, axes.eigenvalues().maxCoeff()));
 }
 
 // What of a list belongs to a piece.
@@ -204,7 +194,7 @@ void fillMapPiece(const MapSnapshot& map, const std::string& dictionary, std::in
     out.map_piece = marker.map_piece;
     out.state = marker.undecided ? marker_t::STATE_UNDECIDED : marker_t::STATE_MAPPED;
     out.views = marker.views;
-    out.sigma_m = positionSigma(marker.covariance);
+    out.sigma_m = positionSigma(marker.covariance.topLeftCorner<3, 3>());
     out.map_piece = marker.map_piece;
   }
   const auto unposed = ofPiece(map.unposed, static_cast<std::size_t>(piece));
