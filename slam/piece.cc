@@ -278,7 +278,7 @@ class Piece::Impl {
     counters_.rejected_poses += static_cast<std::uint64_t>(outcome.rejected_poses);
     if (outcome.lost_place) {  // what comes now may be at a loop's other end
       local_.reset();
-      updater_.cancelLoopClosure();
+      updater_.notePlaceLost();
     }
     result->reason = outcome.reason;
     result->state = TrackingState::kRelocalizing;

@@ -67,7 +67,7 @@ double rmsPx(const BundleProblem& problem) {
 // How well a lens explains the corners, in units of the noise; more than any where it does not see
 // them.
 Task<double> costOf(const BundleProblem& problem, double huber, Budget* budget) {
-  const std::vector<WhitenedCorners> whitened = co_await whitenCorners(problem, budget);
+  const std::vector<WhitenedView> whitened = co_await whitenViews(problem, budget);
   double cost = 0.0;
   const bool seen = co_await robustCost(problem, whitened, huber, &cost, budget);
   co_return seen ? cost : std::numeric_limits<double>::infinity();

@@ -51,7 +51,7 @@ class MarginalRecoveryTest : public ::testing::Test {
     const Subproblem part = runToCompletion(
         [&](Budget* a) { return buildSubproblem(map_, wholeMap(map_), options_, a); });
     const BundleProblem& problem = part.problem;
-    const auto whitened = runToCompletion([&](Budget* a) { return whitenCorners(problem, a); });
+    const auto whitened = runToCompletion([&](Budget* a) { return whitenViews(problem, a); });
     NormalEquations equations;
     NormalEquations robust;
     EXPECT_TRUE(runToCompletion(

@@ -63,15 +63,17 @@ void addWhatCameSince(KeyframeId newest, const Transform& T_of_others, const Map
   }
 }
 
-// Of a keyframe; empty for one that stays.
+// Of a keyframe; empty for one that stays, or is gone.
 std::optional<Transform> motionOf(KeyframeId id, const MapCorrection& correction,
                                   const Motions& motions, const Map& map) {
   const auto since = std::ranges::lower_bound(motions.of_keyframes, id, {},
                                               &std::pair<KeyframeId, Transform>::first);
   if (since != motions.of_keyframes.end() && since->first == id) return since->second;
   const auto corrected = std::ranges::lower_bound(correction.keyframes, id, {}, &KeyframePose::id);
+  const auto known = map.keyframes().find(id);
   if (corrected == correction.keyframes.end() || corrected->id != id) return std::nullopt;
-  return corrected->T_w_c * map.keyframes().at(id).T_w_c.inverse();
+  if (known == map.keyframes().end()) return std::nullopt;
+  return corrected->T_w_c * known->second.T_w_c.inverse();
 }
 
 // Markers that were given a pose since, by keyframes that were there.
@@ -100,25 +102,29 @@ void move(const Motions& motions, Map* map) {
 }
 
 // Puts the correction into the map. T_of_others: of what came since and sees nothing that moves.
-// Where the newest keyframe went, T_new_old.
+// Where the camera went, T_new_old.
 Transform correct(const MapCorrection& correction, KeyframeId newest, const Transform& T_of_others,
-                  Map* map) {
+                  std::optional<KeyframeId> near_camera, Map* map) {
   Motions motions = motionsOf(correction, *map);
   addWhatCameSince(newest, T_of_others, *map, &motions);
   addPosedSince(correction, *map, &motions);
+  const auto T_of_camera =
+      near_camera ? motionOf(*near_camera, correction, motions, *map) : std::nullopt;
   move(motions, map);
   (void)apply(correction, map);  // exactly
   map->beginEpoch();
+  if (T_of_camera) return *T_of_camera;
   return motions.of_keyframes.empty() ? T_of_others : motions.of_keyframes.back().second;
 }
 
 }  // namespace
 
-std::optional<AdoptedLoop> adopt(const ClosedLoop& loop, Map* map) {
+std::optional<AdoptedLoop> adopt(const ClosedLoop& loop, std::optional<KeyframeId> near_camera,
+                                 Map* map) {
   if (loop.correction.epoch != map->epoch()) return std::nullopt;
   const Transform T_with_closing = loop.closing.T_w_c * loop.T_w_tracked.inverse();
   AdoptedLoop adopted;
-  adopted.T_new_old = correct(loop.correction, loop.newest, T_with_closing, map);
+  adopted.T_new_old = correct(loop.correction, loop.newest, T_with_closing, near_camera, map);
   Keyframe closing = loop.closing;
   closing.detections.change([&](auto* detections) {
     std::erase_if(*detections,
@@ -128,14 +134,15 @@ std::optional<AdoptedLoop> adopt(const ClosedLoop& loop, Map* map) {
   return adopted;
 }
 
-std::optional<Transform> adopt(const RelaxedMap& relaxed, Map* map) {
+std::optional<Transform> adopt(const RelaxedMap& relaxed, std::optional<KeyframeId> near_camera,
+                               Map* map) {
   const MapCorrection& correction = relaxed.correction;
   if (correction.epoch != map->epoch() || correction.keyframes.empty()) return std::nullopt;
   const auto last = map->keyframes().find(correction.keyframes.back().id);
   const Transform T_of_last = last == map->keyframes().end() ? Transform{}
                                                              : correction.keyframes.back().T_w_c *
                                                                    last->second.T_w_c.inverse();
-  return correct(correction, relaxed.newest, T_of_last, map);
+  return correct(correction, relaxed.newest, T_of_last, near_camera, map);
 }
 
 }  // namespace waymark::slam

@@ -14,10 +14,14 @@ struct AdoptedLoop {
 };
 
 // Corrects the map, and adds the closing frame to it. What came since the closing began moves as
-// what it sees. Empty, and nothing is done, when the map's coordinates are others by now.
-[[nodiscard]] std::optional<AdoptedLoop> adopt(const ClosedLoop& loop, Map* map);
+// what it sees, and the camera as the newest keyframe; where it was lost meanwhile, and may be
+// elsewhere, as the keyframe that it is near by now. Empty, and nothing is done, when the map's
+// coordinates are others by now.
+[[nodiscard]] std::optional<AdoptedLoop> adopt(const ClosedLoop& loop,
+                                               std::optional<KeyframeId> near_camera, Map* map);
 
 // The same without a closing frame: what became of where the camera is.
-[[nodiscard]] std::optional<Transform> adopt(const RelaxedMap& relaxed, Map* map);
+[[nodiscard]] std::optional<Transform> adopt(const RelaxedMap& relaxed,
+                                             std::optional<KeyframeId> near_camera, Map* map);
 
 }  // namespace waymark::slam

@@ -270,6 +270,10 @@ std::optional<LoopRejection> rejectionOf(const Candidate& best,
   return much_worse ? std::nullopt : std::optional(LoopRejection::kAmbiguous);
 }
 
+// The old views alone speak for the corrected map, whatever the closing frame says: they had been
+// bent. Where that frame belongs is seen from the better map.
+bool isMuchBetter(const Candidate& best, double allowed) { return best.growth < -allowed; }
+
 ClosedLoop closedBy(Candidate candidate, KeyframeId newest, Keyframe frame) {
   ClosedLoop closed{std::move(candidate.correction), newest, std::move(frame), {}};
   closed.T_w_tracked = std::exchange(closed.closing.T_w_c, candidate.T_w_closing);
@@ -324,7 +328,10 @@ Task<LoopOutcome> closeLoop(const Map& map, LoopFrame loop, const MarkerOptions&
     }
   }
   const double allowed = allowedGrowth(before, loop.loop_markers.size(), options);
-  if (const auto rejection = rejectionOf(*best, other, allowed, options)) co_return *rejection;
+  if (const auto rejection = rejectionOf(*best, other, allowed, options)) {
+    if (!isMuchBetter(*best, allowed)) co_return *rejection;
+    co_return RelaxedMap{std::move(best->correction), before.newest};
+  }
   co_return closedBy(std::move(*best), before.newest, std::move(loop.frame));
 }
 

@@ -75,7 +75,7 @@ class LoopCloserTest : public ::testing::Test {
   // The map with the loop closed.
   static Map closedMap(const Map& map, const LoopOutcome& outcome) {
     Map closed = map;
-    EXPECT_TRUE(adopt(std::get<ClosedLoop>(outcome), &closed));
+    EXPECT_TRUE(adopt(std::get<ClosedLoop>(outcome), {}, &closed));
     return closed;
   }
 
@@ -162,14 +162,14 @@ TEST_F(LoopCloserTest, WhatCameMeanwhileMovesWithTheClosingFrame) {
   EXPECT_GT(slices, 5);
   const LoopOutcome outcome = task.take();
   ASSERT_TRUE(std::holds_alternative<ClosedLoop>(outcome));
-  const auto adopted = adopt(std::get<ClosedLoop>(outcome), &map);
+  const auto adopted = adopt(std::get<ClosedLoop>(outcome), {}, &map);
   ASSERT_TRUE(adopted);
   const Transform expected = map.keyframes().at(adopted->closing).T_w_c * T_closing_late;
   EXPECT_LT((map.keyframes().at(late).T_w_c.p - expected.p).norm(), 1e-9);
   EXPECT_LT((map.find(99)->T_w_m->p - expected.p).norm(), 1e-9);
   EXPECT_EQ(map.keyframes().at(8).T_w_c.p, T_old.p);
   EXPECT_LT(markerError(map), 0.02);
-  EXPECT_FALSE(adopt(std::get<ClosedLoop>(outcome), &map)) << "it has been";
+  EXPECT_FALSE(adopt(std::get<ClosedLoop>(outcome), {}, &map)) << "it has been";
 }
 
 // What came since hangs between what moved much and what moved little, and follows both.
@@ -198,7 +198,7 @@ TEST_F(LoopCloserTest, WhatCameMeanwhileMovesAsWhatItSees) {
   const KeyframeId with_both = map.addKeyframe(late);
   late.detections = {{seen[1]}};
   const KeyframeId with_one = map.addKeyframe(late);
-  const auto adopted = adopt(loop, &map);
+  const auto adopted = adopt(loop, {}, &map);
   ASSERT_TRUE(adopted);
   EXPECT_NEAR(map.keyframes().at(with_both).T_w_c.p.z() - T_w_late.p.z(), 0.03, 1e-12);
   EXPECT_NEAR(map.keyframes().at(with_one).T_w_c.p.z() - T_w_late.p.z(), 0.04, 1e-12);
@@ -225,7 +225,7 @@ TEST_F(LoopCloserTest, RelaxesARegionAndLeavesTheRest) {
   const auto outcome =
       runToCompletion([&](Budget* a) { return relaxRegion(map, frame, options_, options, a); });
   ASSERT_TRUE(std::holds_alternative<ClosedLoop>(outcome));
-  ASSERT_TRUE(adopt(std::get<ClosedLoop>(outcome), &map));
+  ASSERT_TRUE(adopt(std::get<ClosedLoop>(outcome), {}, &map));
   EXPECT_LT((map.find(misfit)->T_w_m->p - before.find(misfit)->T_w_m->p).norm(), 0.001);
   int moved = 0;
   for (const auto& [id, keyframe] : before.keyframes()) {
@@ -311,6 +311,27 @@ TEST_F(LoopCloserTest, RejectsAMarkerThatMoved) {
   const auto moved = close(map, loop);
   ASSERT_TRUE(std::holds_alternative<LoopRejection>(moved));
   EXPECT_EQ(std::get<LoopRejection>(moved), LoopRejection::kContradicted);
+}
+
+// What the closing frame shows fits nothing; but where it is says how the map is bent. It comes out
+// much straighter, without that frame.
+TEST_F(LoopCloserTest, UnbendsTheMapThoughItsClosingFrameDoesNotFit) {
+  Map map = openMap(24, 0.05);
+  testing::bend(drift_, &map);
+  LoopFrame loop = loopFrame(map, see(testing::roomView(345.0 * kDegree), 0.05));
+  loop.frame.detections.change([](auto* detections) {
+    for (MarkerDetection& detection : *detections) {
+      detection.normalized[0].x() += 0.05;
+      detection.normalized[2].x() += 0.05;
+    }
+  });
+  const auto outcome = close(map, loop);
+  const auto* relaxed = std::get_if<RelaxedMap>(&outcome);
+  ASSERT_NE(relaxed, nullptr);
+  const double before = keyframeError(map);
+  EXPECT_TRUE(adopt(*relaxed, {}, &map));
+  EXPECT_EQ(map.keyframes().size(), views_.size());
+  EXPECT_LT(keyframeError(map), 0.3 * before);
 }
 
 // A second print of the first marker hangs on the opposite wall: the map would fold.

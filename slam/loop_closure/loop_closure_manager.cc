@@ -74,17 +74,20 @@ std::optional<Transform> LoopClosureManager::collect(Map* map) {
   if (!isDone()) return std::nullopt;
   const LoopOutcome outcome = work_->task.take();
   const Facts facts = work_->facts;
+  const auto near_camera = work_->place_lost ? local_.reference() : std::nullopt;
   spent_ = std::move(work_);
   if (const auto* rejection = std::get_if<LoopRejection>(&outcome)) {
     recordRejection(facts, *rejection);
     return std::nullopt;
   }
   if (const auto* relaxed = std::get_if<RelaxedMap>(&outcome)) {
-    const auto T_new_old = adopt(*relaxed, map);
-    bent_ = !T_new_old;  // once more, where the coordinates are others by now
+    const auto T_new_old = adopt(*relaxed, near_camera, map);
+    // Once more, where the coordinates are others by now, or a closing frame had a say that was
+    // refused.
+    bent_ = !T_new_old || facts.cause != Cause::kBentMap;
     return T_new_old;
   }
-  const auto adopted = adopt(std::get<ClosedLoop>(outcome), map);
+  const auto adopted = adopt(std::get<ClosedLoop>(outcome), near_camera, map);
   if (!adopted) return std::nullopt;  // the coordinates are others by now
   bent_ = facts.regional;
   ++counters_->loop_closures;

@@ -62,6 +62,10 @@ class LoopClosureManager {
   void relaxInIdleTime(const Map& map, bool idle);
   // The map is not as good as it can be, though no closure has bent it.
   void noteBent() { bent_ = true; }
+  // What tracking was lost for may be a loop's other end. A closure under way goes on.
+  void notePlaceLost() {
+    if (work_) work_->place_lost = true;
+  }
   // A slice of the closure under way: `cost`, or more where it would be too late otherwise.
   void work(double cost);
   // Puts a closure that is done into the map. What that did to where the camera is, T_new_old;
@@ -71,8 +75,6 @@ class LoopClosureManager {
   [[nodiscard]] bool idle() const { return !work_; }
   // Of what the last closure needed: a large map's equations take a millisecond or two.
   void letGoOfSpent() { spent_.reset(); }
-  // What is under way is of no use any more: tracking was lost.
-  void cancel() { spent_ = std::move(work_); }
 
  private:
   enum class Cause {
@@ -93,6 +95,7 @@ class LoopClosureManager {
     Work(const Facts& known, const Begin& begin) : facts(known), task(begin) {}
 
     Facts facts;
+    bool place_lost = false;  // since it began
     SlicedTask<LoopOutcome> task;
   };
 
@@ -135,7 +138,7 @@ class LoopClosureManager {
   MarkerScreening* screening_;
   Counters* counters_;
   std::unique_ptr<Work> work_;
-  std::unique_ptr<Work> spent_;     // done, or cancelled; let go of in a frame that has the time
+  std::unique_ptr<Work> spent_;     // done; let go of in a frame that has the time
   bool whole_map_next_ = false;     // a part of it was not enough
   bool bent_ = false;               // only parts of the map were corrected
   int idle_frames_ = 0;             // in a row

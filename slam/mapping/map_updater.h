@@ -81,8 +81,9 @@ class MapUpdater {
     mapper_.want(keyframe);
     loops_.noteBent();
   }
-  // Tracking was lost: a closure under way is of no use any more.
-  void cancelLoopClosure() { loops_.cancel(); }
+
+  // The camera may be elsewhere than it was tracked so far.
+  void notePlaceLost() { loops_.notePlaceLost(); }
 
   // A slice of what is under way, of a cost of at most `budget`.
   void work(double budget, const Map& map);

@@ -20,10 +20,10 @@ constexpr double kMergeEntry = 0.003;
 constexpr double kSortEntry =
     0.006;  // a note of a shared block, among hundreds that name few poses
 constexpr double kClearBlock = 0.02;
-constexpr double kFreshBlock = 0.15;  // its memory is touched for the first time
-constexpr double kSubstituteBlock = 0.025;
+constexpr double kFreshBlock = 0.5;  // its memory is touched for the first time
+constexpr double kSubstituteBlock = 0.02;
 constexpr double kColumn = 0.1;
-constexpr double kBlockProduct = 0.04;
+constexpr double kBlockProduct = 0.025;
 
 // Of poses that share blocks, as they are eliminated one by one.
 class EliminationGraph {
@@ -160,6 +160,23 @@ Task<bool> BlockSystem::solve(Budget* budget) {
     if (!factorizeColumn(column)) co_return false;
   }
   if (!solveGlobals()) co_return false;
+  co_return co_await substituteAll(budget);
+}
+
+Task<bool> BlockSystem::solveAgain(Budget* budget) {
+  for (int column = 0; column < poses(); ++column) {
+    const std::span<const int> rows = below(column);
+    co_await budget->spend(kColumn + kSubstituteBlock * static_cast<double>(rows.size()));
+    solveLower(diagonal(column), &right(column));
+    const Matrix6d* const blocks = blocks_.data() + first_[at(column)] + 1;
+    for (std::size_t i = 0; i < rows.size(); ++i) {
+      right(rows[i]).noalias() -= blocks[i] * right(column);
+    }
+  }
+  co_return co_await substituteAll(budget);
+}
+
+Task<bool> BlockSystem::substituteAll(Budget* budget) {
   for (int column = poses() - 1; column >= 0; --column) {
     co_await budget->spend(kColumn + kSubstituteBlock * static_cast<double>(below(column).size()));
     substitute(column);

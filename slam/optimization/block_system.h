@@ -36,6 +36,8 @@ class BlockSystem {
   // Factorizes, in place, and leaves the solution in the right sides. False when the system is not
   // positive definite, or the solution not finite.
   Task<bool> solve(Budget* budget);
+  // The same for other right sides, with the factor that is there. After solve(), without globals.
+  Task<bool> solveAgain(Budget* budget);
   // The blocks become those of the inverse, where the factor has blocks: Takahashi's recursion,
   // from the last column to the first. After solve(), without globals.
   Task<Done> invert(Budget* budget);
@@ -50,6 +52,7 @@ class BlockSystem {
   [[nodiscard]] std::span<const int> below(int column) const;
   [[nodiscard]] bool factorizeColumn(int column);
   [[nodiscard]] bool solveGlobals();
+  Task<bool> substituteAll(Budget* budget);
   void substitute(int column);
   void invertColumn(int column, std::vector<Matrix6d>* scratch);
 

@@ -97,6 +97,21 @@ TEST(BlockSystem, SolvesWhatADenseSolverSolves) {
   }
 }
 
+// The factor that is there, and other right sides.
+TEST(BlockSystem, SolvesAgainForOtherRightSides) {
+  for (const int poses : {1, 2, 12, 60, 151}) {
+    Random random(poses, false);
+    ASSERT_TRUE(solve(&random.system)) << poses;
+    random.b = Eigen::VectorXd::NullaryExpr(random.b.size(), [&] { return random.u(random.rng); });
+    for (int i = 0; i < poses; ++i) {
+      random.system.right(random.system.positionOf(i)) = random.b.segment<6>(6 * i);
+    }
+    ASSERT_TRUE(runToCompletion([&](Budget* a) { return random.system.solveAgain(a); })) << poses;
+    const Eigen::VectorXd expected = random.H.ldlt().solve(random.b);
+    EXPECT_LT((random.solution() - expected).norm(), 1e-9 * expected.norm()) << poses << " poses";
+  }
+}
+
 // A hundred poses around one that all are tied to, as keyframes around a marker: eliminated last,
 // it costs one block each; eliminated first, it would tie all to all.
 TEST(BlockSystem, EliminatesInAnOrderThatFillsInLittle) {
@@ -115,7 +130,6 @@ TEST(BlockSystem, TellsTheCovarianceOfTheGlobals) {
   const Eigen::MatrixXd inverse = random.H.inverse();
   const auto covariance = random.system.globalsCovariance();
   ASSERT_TRUE(covariance);
-  constexpr int kGlobals = BundleProblem::kGlobals;
   EXPECT_LT((*covariance - inverse.bottomRightCorner<kGlobals, kGlobals>()).norm(), 1e-11);
 }
 

@@ -59,7 +59,7 @@ Task<BundleSummary> BundleAdjuster::run(Budget* budget) {
 }
 
 Task<bool> BundleAdjuster::begin(Budget* budget) {
-  whitened_ = co_await whitenCorners(problem_, budget);
+  whitened_ = co_await whitenViews(problem_, budget);
   if (options_.estimate_residual_sigma) {
     std::vector<double> squared;
     const bool seen = co_await cornerErrors(problem_, whitened_, &squared, budget);
@@ -138,7 +138,8 @@ Task<bool> BundleAdjuster::gateViews(Budget* budget) {
   gated_ = outlierViews(squared);
   if (gated_.empty()) co_return true;
   summary_.gated_views = static_cast<int>(gated_.size());
-  for (const std::size_t view : gated_) whitened_[view].fill(Eigen::Matrix2d::Zero());  // no weight
+  for (const std::size_t view : gated_)
+    whitened_[view].W.fill(Eigen::Matrix2d::Zero());  // no weight
   const bool rest = co_await linearize(problem_, whitened_, options_.huber, &equations_, budget);
   if (rest) summary_.final_cost = equations_.cost;
   co_return rest;
@@ -204,7 +205,7 @@ BundleSummary adjustBundle(BundleProblem* problem, const BundleOptions& options)
 double bundleCost(const BundleProblem& problem, const BundleOptions& options) {
   double cost = 0.0;
   const auto whitened =
-      runToCompletion([&](Budget* budget) { return whitenCorners(problem, budget); });
+      runToCompletion([&](Budget* budget) { return whitenViews(problem, budget); });
   const bool seen = runToCompletion(
       [&](Budget* budget) { return robustCost(problem, whitened, options.huber, &cost, budget); });
   return seen ? cost : std::numeric_limits<double>::infinity();

@@ -93,8 +93,8 @@ class BundleAdjuster {
 
   BundleProblem problem_;
   BundleProblem trial_;
-  std::vector<WhitenedCorners> whitened_;  // by observation
-  NormalEquations equations_;              // at problem_
+  std::vector<WhitenedView> whitened_;  // by observation
+  NormalEquations equations_;           // at problem_
   SchurComplement schur_;
   BundleStep step_;
   BundleOptions options_;

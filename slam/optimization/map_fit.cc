@@ -15,7 +15,7 @@ constexpr double kHuberCost = 0.004;  // microseconds of a core of 3 GHz
 
 Task<MapFit> fitOf(const BundleProblem& problem, Budget* budget) {
   MapFit fit;
-  const std::vector<WhitenedCorners> whitened = co_await whitenCorners(problem, budget);
+  const std::vector<WhitenedView> whitened = co_await whitenViews(problem, budget);
   const bool seen = co_await cornerErrors(problem, whitened, &fit.squared, budget);
   if (seen) {
     fit.residual_sigma = co_await residualSigma(fit.squared, budget);

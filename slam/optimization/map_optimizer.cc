@@ -74,7 +74,7 @@ Matrix6d markerCovariance(const Map& map, int marker_id, const Transform& T_w_m,
   const BundleProblem problem = problemOfMarker(map, marker_id, T_w_m);
   constexpr double kNoKernel = 1e9;  // beyond any residual
   NormalEquations equations;
-  const auto whitened = runToCompletion([&](Budget* a) { return whitenCorners(problem, a); });
+  const auto whitened = runToCompletion([&](Budget* a) { return whitenViews(problem, a); });
   const bool seen = runToCompletion(
       [&](Budget* a) { return linearize(problem, whitened, kNoKernel, &equations, a); });
   return seen ? poseCovariance(equations.H_marker[0], residual_sigma) : Matrix6d(Matrix6d::Zero());

@@ -32,31 +32,32 @@ struct ObservationTerm {
 };
 
 // The corner as the camera saw it at the middle row's time, given the readout time as it is now.
-Eigen::Vector2d seenAt(const BundleProblem& problem, std::size_t o, std::size_t k) {
-  const Eigen::Vector2d& seen = problem.observations[o].detection->normalized[k];
-  if (!problem.shutter) return seen;
+Eigen::Vector2d seenAt(const BundleProblem& problem, std::size_t o, std::size_t k,
+                       const WhitenedView& view) {
+  if (!problem.shutter) return view.seen[k];
   const double longer_s = problem.shutter->readout_s - problem.shutter->corrected_with_s;
-  return seen - longer_s * problem.shutter->motion[o][k];
+  return view.seen[k] - longer_s * problem.shutter->motion[o][k];
 }
 
 // Whitened. The projection must be in front of the camera.
 Eigen::Vector2d residualOf(const BundleProblem& problem, std::size_t o, std::size_t k,
-                           const Eigen::Matrix2d& W, const Eigen::Vector2d& projected) {
-  const Eigen::Vector2d seen = seenAt(problem, o, k);
+                           const WhitenedView& view, const Eigen::Vector2d& projected) {
+  const Eigen::Vector2d seen = seenAt(problem, o, k, view);
+  const Eigen::Matrix2d& W = view.W[k];
   if (!problem.lens) return W * (projected - seen);
   return W * (problem.lens->camera.distort(projected) - problem.lens->seen_with.distort(seen));
 }
 
 void differentiateByGlobals(const BundleProblem& problem, std::size_t o, std::size_t k,
-                            const Eigen::Matrix2d& W, const Eigen::Vector2d& projected,
-                            ObservationTerm* term) {
+                            const Eigen::Matrix2d& W, const WhitenedView& view,
+                            const Eigen::Vector2d& projected, ObservationTerm* term) {
   const auto row = static_cast<Eigen::Index>(2 * k);
   auto J = term->J_global.middleRows<2>(row);
   J.setZero();
   if (problem.lens) J.leftCols<9>() = W * problem.lens->camera.intrinsicJacobian(projected);
   if (!problem.shutter) return;
   Eigen::Matrix2d J_seen = Eigen::Matrix2d::Identity();
-  if (problem.lens) (void)problem.lens->seen_with.distort(seenAt(problem, o, k), &J_seen);
+  if (problem.lens) (void)problem.lens->seen_with.distort(seenAt(problem, o, k, view), &J_seen);
   J.rightCols<1>() = W * J_seen * problem.shutter->motion[o][k];
 }
 
@@ -78,19 +79,19 @@ bool cornersInCamera(const BundleProblem& problem, std::size_t o,
 
 // Calls `use(corner's squared norm)` for every corner; false when one is behind its camera.
 template <typename Use>
-bool squaredErrors(const BundleProblem& problem, std::size_t o, const WhitenedCorners& whitened,
+bool squaredErrors(const BundleProblem& problem, std::size_t o, const WhitenedView& view,
                    const Use& use) {
   std::array<Eigen::Vector3d, 4> corners_c;
   if (!cornersInCamera(problem, o, &corners_c)) return false;
   for (std::size_t k = 0; k < 4; ++k) {
     const Eigen::Vector2d projected = corners_c[k].head<2>() / corners_c[k].z();
-    use(residualOf(problem, o, k, whitened[k], projected).squaredNorm());
+    use(residualOf(problem, o, k, view, projected).squaredNorm());
   }
   return true;
 }
 
 // Weighted with the kernel's; adds to the cost.
-bool differentiate(const BundleProblem& problem, std::size_t o, const WhitenedCorners& whitened,
+bool differentiate(const BundleProblem& problem, std::size_t o, const WhitenedView& view,
                    double huber, ObservationTerm* term, double* cost) {
   const auto& observation = problem.observations[o];
   const Transform& T_w_c = problem.cameras[at(observation.camera)].T;
@@ -100,11 +101,11 @@ bool differentiate(const BundleProblem& problem, std::size_t o, const WhitenedCo
   const auto corners_m = markerCorners(problem.marker_sizes_m[at(observation.marker)]);
   for (std::size_t k = 0; k < 4; ++k) {
     const Eigen::Vector2d projected = corners_c[k].head<2>() / corners_c[k].z();
-    const Eigen::Vector2d residual = residualOf(problem, o, k, whitened[k], projected);
+    const Eigen::Vector2d residual = residualOf(problem, o, k, view, projected);
     const double squared = residual.squaredNorm();
     *cost += huberCost(squared, huber);
     const double root = std::sqrt(huberWeight(squared, huber));
-    const Eigen::Matrix2d W = root * whitened[k];
+    const Eigen::Matrix2d W = root * view.W[k];
     Matrix23d J_point = projectionJacobian(T_w_c, corners_c[k]);
     if (problem.lens) {
       Eigen::Matrix2d J_distortion;
@@ -120,7 +121,7 @@ bool differentiate(const BundleProblem& problem, std::size_t o, const WhitenedCo
       const Eigen::Vector3d j = J_point.row(i);
       term->J_marker.row(row + i) << j.transpose(), arm.cross(j).transpose();
     }
-    if (problem.hasGlobals()) differentiateByGlobals(problem, o, k, W, projected, term);
+    if (problem.hasGlobals()) differentiateByGlobals(problem, o, k, W, view, projected, term);
   }
   return true;
 }
@@ -268,8 +269,8 @@ void reset(const BundleProblem& problem, NormalEquations* equations) {
 
 }  // namespace
 
-Task<std::vector<WhitenedCorners>> whitenCorners(const BundleProblem& problem, Budget* budget) {
-  std::vector<WhitenedCorners> whitened;
+Task<std::vector<WhitenedView>> whitenViews(const BundleProblem& problem, Budget* budget) {
+  std::vector<WhitenedView> whitened;
   whitened.reserve(problem.observations.size());
   for (const auto& observation : problem.observations) {
     co_await budget->spend(kWhiten);
@@ -279,7 +280,7 @@ Task<std::vector<WhitenedCorners>> whitenCorners(const BundleProblem& problem, B
       (void)problem.lens->seen_with.distort(observation.detection->normalized[k], &J);
       covariance[k] = J * covariance[k] * J.transpose();
     }
-    whitened.push_back(whitening(covariance));
+    whitened.push_back({whitening(covariance), observation.detection->normalized});
   }
   co_return whitened;
 }
@@ -289,7 +290,7 @@ Matrix6d poseCovariance(const Matrix6d& H, double residual_sigma) {
   return residual_sigma * residual_sigma * H.ldlt().solve(Matrix6d::Identity());
 }
 
-Task<bool> robustCost(const BundleProblem& problem, const std::vector<WhitenedCorners>& whitened,
+Task<bool> robustCost(const BundleProblem& problem, const std::vector<WhitenedView>& whitened,
                       double huber, double* cost, Budget* budget) {
   *cost = 0.0;
   for (std::size_t o = 0; o < problem.observations.size(); ++o) {
@@ -302,7 +303,7 @@ Task<bool> robustCost(const BundleProblem& problem, const std::vector<WhitenedCo
   co_return true;
 }
 
-Task<bool> cornerErrors(const BundleProblem& problem, const std::vector<WhitenedCorners>& whitened,
+Task<bool> cornerErrors(const BundleProblem& problem, const std::vector<WhitenedView>& whitened,
                         std::vector<double>* squared, Budget* budget) {
   squared->clear();
   squared->reserve(4 * problem.observations.size());
@@ -315,7 +316,7 @@ Task<bool> cornerErrors(const BundleProblem& problem, const std::vector<Whitened
   co_return true;
 }
 
-Task<bool> linearize(const BundleProblem& problem, const std::vector<WhitenedCorners>& whitened,
+Task<bool> linearize(const BundleProblem& problem, const std::vector<WhitenedView>& whitened,
                      double huber, NormalEquations* equations, Budget* budget) {
   co_await budget->spend(kResetPose *
                          static_cast<double>(problem.cameras.size() + problem.markers.size()));

@@ -35,24 +35,24 @@ BundleProblem moved(const BundleProblem& problem, int unknown, double by) {
   return other;
 }
 
-std::vector<WhitenedCorners> whitenCorners(const BundleProblem& problem) {
-  return runToCompletion([&](Budget* a) { return slam::whitenCorners(problem, a); });
+std::vector<WhitenedView> whitenViews(const BundleProblem& problem) {
+  return runToCompletion([&](Budget* a) { return slam::whitenViews(problem, a); });
 }
 
-bool robustCost(const BundleProblem& problem, const std::vector<WhitenedCorners>& whitened,
+bool robustCost(const BundleProblem& problem, const std::vector<WhitenedView>& whitened,
                 double huber, double* cost) {
   return runToCompletion(
       [&](Budget* a) { return slam::robustCost(problem, whitened, huber, cost, a); });
 }
 
-bool linearize(const BundleProblem& problem, const std::vector<WhitenedCorners>& whitened,
+bool linearize(const BundleProblem& problem, const std::vector<WhitenedView>& whitened,
                double huber, NormalEquations* equations) {
   return runToCompletion(
       [&](Budget* a) { return slam::linearize(problem, whitened, huber, equations, a); });
 }
 
-NormalEquations linearized(const BundleProblem& problem,
-                           const std::vector<WhitenedCorners>& whitened, double huber) {
+NormalEquations linearized(const BundleProblem& problem, const std::vector<WhitenedView>& whitened,
+                           double huber) {
   NormalEquations equations;
   EXPECT_TRUE(linearize(problem, whitened, huber, &equations));
   return equations;
@@ -140,7 +140,7 @@ TEST(NormalEquations, TheGradientMatchesFiniteDifferences) {
     Scenario s(1, 0.3, 3, 1, 4);
     s.anchor(1, Vector6d::Constant(0.01), 0.01, 0.02);
     if (with_lens) s.disturbLens(testing::staleLens(), testing::lensSigma());
-    const auto whitened = whitenCorners(s.problem);
+    const auto whitened = whitenViews(s.problem);
     constexpr double kHuber = 20.0;
     const NormalEquations equations = linearized(s.problem, whitened, kHuber);
     const Eigen::VectorXd g = wholeGradient(s.problem, equations);
@@ -175,7 +175,7 @@ TEST(NormalEquations, TheMatrixMatchesFiniteDifferences) {
       s.problem.lens->sigma[8] = 0.1;
       s.problem.lens->aspect_sigma = 1e-3;
     }
-    const auto whitened = whitenCorners(s.problem);
+    const auto whitened = whitenViews(s.problem);
     const Eigen::MatrixXd H = wholeMatrix(s.problem, linearized(s.problem, whitened, kNoKernel));
     for (int i = 0; i < H.cols(); ++i) {
       const double step = stepOf(s.problem, i);
@@ -203,7 +203,7 @@ TEST(NormalEquations, TheSchurComplementSolvesTheWholeSystem) {
         s.disturbLens(testing::staleLens(), testing::lensSigma());
         s.problem.lens->sigma[8] = 0.1;
       }
-      const NormalEquations equations = linearized(s.problem, whitenCorners(s.problem), kNoKernel);
+      const NormalEquations equations = linearized(s.problem, whitenViews(s.problem), kNoKernel);
       constexpr double kLambda = 1e-2;
       SchurComplement schur;
       (void)runToCompletion([&](Budget* a) { return schur.arrange(s.problem, a); });
@@ -247,7 +247,7 @@ TEST(NormalEquations, TheReadoutsGradientMatchesFiniteDifferences) {
       shutter.motion.push_back({Eigen::Vector2d(x, 0.1), Eigen::Vector2d(-x, 0.2),
                                 Eigen::Vector2d(0.3, x), Eigen::Vector2d(-0.2, -x)});
     }
-    const auto whitened = whitenCorners(s.problem);
+    const auto whitened = whitenViews(s.problem);
     const NormalEquations equations = linearized(s.problem, whitened, kNoKernel);
     constexpr double kStep_s = 1e-6;
     const auto costWith = [&](double longer_s) {
@@ -275,7 +275,7 @@ TEST(NormalEquations, TheReadoutsGradientMatchesFiniteDifferences) {
 TEST(NormalEquations, ACornerBehindItsCameraHasNoCost) {
   Scenario s(4, 0.0, 2, 1, 2);
   s.problem.markers[0].T.p.y() = -50.0;
-  const auto whitened = whitenCorners(s.problem);
+  const auto whitened = whitenViews(s.problem);
   NormalEquations equations;
   double cost = 0.0;
   std::vector<double> squared;

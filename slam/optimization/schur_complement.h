@@ -1,7 +1,9 @@
 // The solution of a bundle adjustment's normal equations by the Schur complement: the more numerous
 // kind of poses, cameras or markers, is eliminated pose by pose, and the others solved as one
 // system. What depends on who sees whom is found out once, what depends on the values in each
-// solve.
+// solve. Of a large map that system's factor costs ten times as much as everything else together,
+// and changes little from one iteration to the next: it is made once, and stands in for the true
+// one in conjugate gradients from then on.
 #pragma once
 
 #include <optional>
@@ -36,6 +38,19 @@ class SchurComplement {
     int position = 0;  // of the kept pose, in the reduced system
   };
   static std::size_t at(int index) { return static_cast<std::size_t>(index); }
+  Task<bool> solveDirectly(const BundleProblem& problem, const NormalEquations& equations,
+                           double lambda, Budget* budget);
+  // Preconditioned conjugate gradients (Hestenes and Stiefel 1952). False where the factor is too
+  // far from the equations for them.
+  Task<bool> solveIteratively(const BundleProblem& problem, const NormalEquations& equations,
+                              double lambda, Budget* budget);
+  // What is left of the kept poses' system, times x; both by position.
+  Task<Done> multiply(const std::vector<Matrix6d>& diagonal, const std::vector<Vector6d>& x,
+                      std::vector<Vector6d>* result, Budget* budget) const;
+  // The factor of an eliminated pose, and its views' cross blocks divided by it. False when its
+  // block is singular.
+  [[nodiscard]] bool factorize(std::size_t gone, const BundleProblem& problem,
+                               const NormalEquations& equations, double lambda);
   [[nodiscard]] bool eliminate(std::size_t gone, const BundleProblem& problem,
                                const NormalEquations& equations, double lambda);
   void fillKept(const BundleProblem& problem, const NormalEquations& equations, double lambda);
@@ -50,6 +65,7 @@ class SchurComplement {
   std::vector<std::size_t> first_place_;
   std::vector<bool> goes_;  // by pose of that kind: not fixed, and seen
   BlockSystem reduced_;
+  bool has_factor_ = false;  // of a system like this one, in reduced_
   // By view: the cross block, kept rows and eliminated columns, divided by the factor.
   std::vector<Matrix6d> Z_;
   // Of each eliminated pose: the factor of its damped block, and what it leaves of right side and

@@ -134,7 +134,7 @@ struct Views {
 
 void linearize(const std::string& name, const Views& views, StepTable* table) {
   const auto whitened =
-      runToCompletion([&](Budget* b) { return slam::whitenCorners(views.problem, b); });
+      runToCompletion([&](Budget* b) { return slam::whitenViews(views.problem, b); });
   slam::NormalEquations equations;
   table->add(name, views.observations(), [&](Budget* b) {
     return slam::linearize(views.problem, whitened, 2.45, &equations, b);
@@ -147,8 +147,8 @@ void measureNormalEquations(StepTable* table) {
   const BundleProblem& problem = views.problem;
   const double observations = views.observations();
   table->add("corners of an observation whitened", observations,
-             [&](Budget* b) { return slam::whitenCorners(problem, b); });
-  const auto whitened = runToCompletion([&](Budget* b) { return slam::whitenCorners(problem, b); });
+             [&](Budget* b) { return slam::whitenViews(problem, b); });
+  const auto whitened = runToCompletion([&](Budget* b) { return slam::whitenViews(problem, b); });
   std::vector<double> squared;
   table->add("residuals of an observation", observations,
              [&](Budget* b) { return slam::cornerErrors(problem, whitened, &squared, b); });
@@ -195,6 +195,11 @@ void measureBlockSystem(int poses, int width, StepTable* table) {
     }
   };
   table->add("the same solved", poses, fill, [&](Budget* b) { return system.solve(b); });
+  const auto other = [&] {
+    for (int i = 0; i < poses; ++i) system.right(i).setOnes();
+  };
+  table->add("the same for other right sides", poses, other,
+             [&](Budget* b) { return system.solveAgain(b); });
 }
 
 // --- Schur complement --------------------------------------------------------------------------
@@ -204,7 +209,7 @@ void measureSchurComplement(int rows, int columns, bool globals, StepTable* tabl
   Views views(kCameras, rows, columns);
   if (globals) views.freeGlobals();
   const BundleProblem& problem = views.problem;
-  const auto whitened = runToCompletion([&](Budget* b) { return slam::whitenCorners(problem, b); });
+  const auto whitened = runToCompletion([&](Budget* b) { return slam::whitenViews(problem, b); });
   slam::NormalEquations equations;
   runToCompletion(
       [&](Budget* b) { return slam::linearize(problem, whitened, 2.45, &equations, b); });
