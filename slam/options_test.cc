@@ -183,6 +183,10 @@ TEST(Options, OfTheMapsGrowth) {
          "the turn to another pose must not be negative");
   expect([](Options* o) { o->shutter.min_change_sigmas = -1.0; },
          "the sigmas of a readout time must not be negative");
+  expect([](Options* o) { o->shutter.unknown_s = -1.0; },
+         "the sigma of an unknown readout time must not be negative");
+  expect([](Options* o) { o->covariance.repeated_share = 1.5; },
+         "the repeated share of a corner's error must be from 0 to 1");
   expect([](Options* o) { o->global_optimization.gate_after = 1.5; },
          "the iterations before the gate must be a share from 0 to 1");
 }

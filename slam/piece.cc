@@ -7,8 +7,8 @@
 
 #include "base/task.h"
 #include "slam/batch_mapper.h"
+#include "slam/camera/camera_share.h"
 #include "slam/camera/lens_estimator.h"
-#include "slam/camera/lens_share.h"
 #include "slam/camera/lens_watch.h"
 #include "slam/camera/rolling_shutter_estimator.h"
 #include "slam/camera/undistort_map.h"
@@ -27,8 +27,13 @@
 namespace waymark::slam {
 namespace {
 
-RollingShutterOptions asLearned(RollingShutterOptions options, double readout_s) {
+// As the map's run has left it: with as many keyframes it has looked for a readout time, and 0 says
+// that there was none to be believed.
+RollingShutterOptions asLearned(RollingShutterOptions options, double readout_s, const Map& map) {
   options.learned_s = readout_s;
+  if (static_cast<int>(map.keyframes().size()) >= options.first_keyframes) {
+    options.unknown_s = std::min(options.unknown_s, options.min_s);
+  }
   return options;
 }
 
@@ -41,7 +46,7 @@ class Piece::Impl {
         camera_(*parts.camera),
         counters_(*parts.counters),
         screening_(options_.markers, options_.screening),
-        rolling_shutter_(asLearned(options_.shutter, parts.readout_s), options_.markers),
+        rolling_shutter_(asLearned(options_.shutter, parts.readout_s, map), options_.markers),
         lens_known_(*parts.lens),
         lens_(options_.lens, options_.markers, parts.camera, parts.lens),
         lens_watch_(options_.lens, options_.markers, options_.mapping, parts.camera, parts.lens),
@@ -243,8 +248,8 @@ class Piece::Impl {
     const StageScope scope(observer, Stage::kTrack);
     pose.covariance =
         covariance_.follow(tracked->solution, tracked->eligible) + coverOfOtherPose(*tracked);
-    addLens(*tracked, &pose);
     if (const auto fused = features_.fused()) pose = *fused;
+    addCamera(*tracked, &pose);
     result->pose = pose;
     result->state = TrackingState::kTracking;
     tracker_.commit(pose, frame.time.monotonic_ns);
@@ -259,11 +264,13 @@ class Piece::Impl {
                      options_.loops.optimization);
   }
 
-  // What is not known of a lens that was learned.
-  void addLens(const TrackedFrame& frame, PoseEstimate* pose) const {
-    if (lens_known_.state == LensState::kGiven) return;
-    const Matrix6d share =
-        lensShare(frame.solution, frame.eligible, camera_, lens_known_.covariance);
+  // What is not known of a lens or a readout time that is learned.
+  void addCamera(const TrackedFrame& frame, PoseEstimate* pose) const {
+    Matrix6d share = readoutShare(frame.solution, frame.eligible, camera_, frame.twist,
+                                  rolling_shutter_.sigma_s());
+    if (lens_known_.state != LensState::kGiven) {
+      share += lensShare(frame.solution, frame.eligible, camera_, lens_known_.covariance);
+    }
     pose->covariance += share;
     pose->view_covariance += share;
   }

@@ -16,6 +16,7 @@ std::string RollingShutterOptions::invalidReason() const {
       {isNotNegative(min_sigmas) && isNotNegative(min_change_sigmas),
        "the sigmas of a readout time must not be negative"},
       {first_keyframes >= 1 && max_keyframes >= 1, "a readout time needs at least 1 keyframe"},
+      {isNotNegative(unknown_s), "the sigma of an unknown readout time must not be negative"},
       {growth > 1.0, "the map must grow before the readout time is estimated again"},
   });
 }

@@ -58,6 +58,10 @@ struct RollingShutterOptions {
   double min_s = 0.003;
   double min_sigmas = 8.0;
   double max_s = 0.1;
+  // Standard deviation of a readout time that nobody has told or estimated yet, seconds: most
+  // cameras read for 10 to 30 ms, or at once. Larger makes the first poses of a moving camera less
+  // certain, smaller is overconfident of those with a slow shutter.
+  double unknown_s = 0.015;
   // A better one takes its place only if it differs by this many of its standard deviations: a
   // change moves every corner of the map.
   double min_change_sigmas = 2.0;

@@ -1,5 +1,8 @@
 #include "slam/camera/rolling_shutter_estimator.h"
 
+#include <algorithm>
+#include <cmath>
+
 #include "slam/camera/undistort_map.h"
 #include "slam/optimization/map_optimizer.h"
 
@@ -12,7 +15,23 @@ BundleOptions ungated(BundleOptions options) {
   return options;
 }
 
+// How well the readout time is known that a run begins with. One that was learned before had to be
+// so many of its standard deviations long.
+double sigmaAtTheStart(const RollingShutterOptions& shutter) {
+  if (shutter.readout_s) return 0.0;
+  if (shutter.learned_s == 0.0) return shutter.unknown_s;
+  return std::min(shutter.unknown_s, std::abs(shutter.learned_s) / shutter.min_sigmas);
+}
+
 }  // namespace
+
+RollingShutterEstimator::RollingShutterEstimator(const RollingShutterOptions& shutter,
+                                                 const MarkerOptions& markers)
+    : shutter_(shutter),
+      markers_(markers),
+      seconds_(shutter.readout_s.value_or(shutter.learned_s)),
+      sigma_s_(sigmaAtTheStart(shutter)),
+      next_keyframes_(shutter.first_keyframes) {}
 
 void RollingShutterEstimator::deskew(const CameraModel& camera, const Map& map,
                                      const Transform& T_w_c, const Twist& twist,
@@ -65,8 +84,14 @@ std::optional<Transform> RollingShutterEstimator::collect(const CameraModel& cam
 bool RollingShutterEstimator::adopt(const CameraModel& camera, Map* map) {
   const std::optional<ReadoutEstimate> found = estimate_->take();
   estimate_.reset();
-  if (!found || !believable(found->readout_s, found->sigma_s, seconds_, shutter_)) return false;
+  if (!found) return false;
+  if (!believable(found->readout_s, found->sigma_s, seconds_, shutter_)) {
+    const double off_s = found->readout_s - seconds_;
+    sigma_s_ = std::min(shutter_.unknown_s, std::hypot(off_s, found->sigma_s));
+    return false;
+  }
   seconds_ = found->readout_s;
+  sigma_s_ = found->sigma_s;
   undistortAgain(camera, seconds_, map);
   return true;
 }

@@ -18,14 +18,14 @@ namespace waymark::slam {
 
 class RollingShutterEstimator {
  public:
-  RollingShutterEstimator(const RollingShutterOptions& shutter, const MarkerOptions& markers)
-      : shutter_(shutter),
-        markers_(markers),
-        seconds_(shutter.readout_s.value_or(shutter.learned_s)),
-        next_keyframes_(shutter.first_keyframes) {}
+  RollingShutterEstimator(const RollingShutterOptions& shutter, const MarkerOptions& markers);
 
   // First to last row; 0 for a global shutter.
   [[nodiscard]] double seconds() const { return seconds_; }
+
+  // How well that is known, a standard deviation: 0 where it was given. One that is not believed,
+  // though it was estimated, is a reason to doubt what is in use.
+  [[nodiscard]] double sigma_s() const { return sigma_s_; }
 
   // By whoever knows: it is not learned.
   [[nodiscard]] bool isGiven() const { return shutter_.readout_s.has_value(); }
@@ -57,6 +57,7 @@ class RollingShutterEstimator {
   RollingShutterOptions shutter_;
   MarkerOptions markers_;
   double seconds_;
+  double sigma_s_;
   int next_keyframes_;  // it is estimated again when the map has so many
   std::optional<SlicedTask<std::optional<ReadoutEstimate>>> estimate_;
   std::optional<SlicedTask<MapCorrection>> whole_;

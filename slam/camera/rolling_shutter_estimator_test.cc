@@ -69,6 +69,30 @@ class RollingShutterEstimatorTest : public ::testing::Test {
   BundleOptions bundle_{.max_iterations = 30, .min_relative_decrease = 1e-8};
 };
 
+// Nobody has told it, and then it is estimated: how well it is known goes with that.
+TEST_F(RollingShutterEstimatorTest, SaysHowWellItIsKnown) {
+  Map map = mapSeen(0.6);
+  RollingShutterEstimator learning = estimator();
+  EXPECT_EQ(learning.sigma_s(), RollingShutterOptions{}.unknown_s);
+  workUntilDone(map, 1000.0, &learning);
+  (void)collect(&map, &learning);
+  EXPECT_GT(learning.sigma_s(), 0.0);
+  EXPECT_LT(std::abs(learning.seconds() - kReadout_s), 4.0 * learning.sigma_s());
+  EXPECT_LT(learning.sigma_s(), kReadout_s / RollingShutterOptions{}.min_sigmas);
+  EXPECT_EQ(estimator({.readout_s = 0.01}).sigma_s(), 0.0) << "given";
+  EXPECT_EQ(estimator({.learned_s = 0.016}).sigma_s(), 0.002) << "of an earlier run";
+}
+
+// An estimate that is not believed says that what is in use may be off by as much.
+TEST_F(RollingShutterEstimatorTest, AnEstimateThatIsNotBelievedIsADoubt) {
+  Map map = mapSeen(0.6);
+  RollingShutterEstimator doubting = estimator({.max_s = 0.01, .unknown_s = 0.1});
+  workUntilDone(map, 1000.0, &doubting);
+  EXPECT_FALSE(collect(&map, &doubting));
+  EXPECT_EQ(doubting.seconds(), 0.0);
+  EXPECT_NEAR(doubting.sigma_s(), kReadout_s, 0.001);
+}
+
 // First the readout time, then the whole map with corners that are corrected by it.
 TEST_F(RollingShutterEstimatorTest, LearnsOverSlices) {
   Map map = mapSeen(0.6);

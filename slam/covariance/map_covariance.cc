@@ -11,6 +11,7 @@ std::string MapCovarianceOptions::invalidReason() const {
   return firstUnmet({
       {isPositive(cost_per_frame), "cost_per_frame must be positive"},
       {isNotNegative(rest) && rest <= 1000.0, "the rest after a recovery must be from 0 to 1000"},
+      {isShare(repeated_share), "the repeated share of a corner's error must be from 0 to 1"},
   });
 }
 
@@ -63,10 +64,19 @@ void MapCovariance::recover(double residual_sigma, Map* map) {
 void MapCovariance::adopt(MapMarginals marginals, Map* map) {
   if (marginals.empty()) return;
   for (const auto& [id, covariance] : marginals.markers()) {
-    if (grows_ && map->findPosed(id) != nullptr) map->setWorldCovariance(id, covariance);
+    const MapMarker* const marker = grows_ ? map->findPosed(id) : nullptr;
+    if (marker != nullptr) map->setWorldCovariance(id, covariance + repeatedOf(*map, *marker));
   }
   marginals_ = std::move(marginals);
   followed_.forget();
+}
+
+// The covariance that the keyframes leave it falls with their number; this part does not.
+Matrix6d MapCovariance::repeatedOf(const Map& map, const MapMarker& marker) const {
+  const std::size_t views = map.viewsOf(marker.id).size();
+  if (views < 2) return Matrix6d::Zero();
+  const double variance = options_.repeated_share * options_.repeated_share;
+  return variance * static_cast<double>(views - 1) * marker.covariance;
 }
 
 void MapCovariance::introduce(int marker, const Transform& T_w_c, const Matrix6d& pose_covariance,

@@ -27,6 +27,10 @@ struct MapCovarianceOptions {
   // less, and poses use older marginals; more at once and seldom makes these as fresh on the
   // average as half as much in every frame would, for half of the work.
   double rest = 3.0;
+  // What is the same in all views of a corner (paper, ink, light, the blur of its edges), in units
+  // of the sigma of one view: a marker is never known better than one view with that error would
+  // have it. It moves the marker from where it hangs, not the poses that are found from it.
+  double repeated_share = 0.25;
 
   // Empty when usable, else what is wrong.
   [[nodiscard]] std::string invalidReason() const;
@@ -69,6 +73,7 @@ class MapCovariance {
 
  private:
   void adopt(MapMarginals marginals, Map* map);
+  [[nodiscard]] Matrix6d repeatedOf(const Map& map, const MapMarker& marker) const;
 
   const MarkerOptions& markers_;
   const MapCovarianceOptions& options_;

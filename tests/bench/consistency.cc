@@ -152,6 +152,7 @@ Status runOnce(const Arguments& arguments, std::uint64_t seed, SceneReport* repo
   options.markers.size_m = simulation.markers().front().size_m;
   options.covariance.enabled = arguments.covariance_cost > 0.0;
   options.covariance.cost_per_frame = arguments.covariance_cost;
+  if (!arguments.images) options.covariance.repeated_share = 0.0;  // each view's noise is its own
   slam::Slam slam(camera, *slam::Dictionary::byName(asked.dictionary), options);
   Source source(simulation, camera, arguments, seed);
 

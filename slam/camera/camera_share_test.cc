@@ -1,10 +1,11 @@
-#include "slam/camera/lens_share.h"
+#include "slam/camera/camera_share.h"
 
 #include <random>
 #include <vector>
 
 #include <gtest/gtest.h>
 
+#include "slam/camera/rolling_shutter.h"
 #include "slam/testing/synthetic.h"
 
 namespace waymark::slam {
@@ -12,7 +13,7 @@ namespace {
 
 constexpr double kSize = 0.15;
 
-class LensShareTest : public ::testing::Test {
+class CameraShareTest : public ::testing::Test {
  protected:
   // The pose as the wall shows it through another lens than the one that took it.
   PoseSolution solved(const CameraModel& lens) {
@@ -39,7 +40,7 @@ class LensShareTest : public ::testing::Test {
 };
 
 // Each of the intrinsics moved a little: the pose moves as the covariance of that alone says.
-TEST_F(LensShareTest, IsHowThePoseMovesWithTheLens) {
+TEST_F(CameraShareTest, OfTheLensIsHowThePoseMovesWithIt) {
   ASSERT_GE(seen_.size(), 4U);
   const PoseSolution straight = solved(truth_);
   IntrinsicVector step;
@@ -56,9 +57,36 @@ TEST_F(LensShareTest, IsHowThePoseMovesWithTheLens) {
   }
 }
 
-TEST_F(LensShareTest, AKnownLensHasNone) {
+TEST_F(CameraShareTest, AKnownLensHasNone) {
   const PoseSolution straight = solved(truth_);
   EXPECT_TRUE(lensShare(straight, known_, truth_, IntrinsicMatrix::Zero()).isZero());
+}
+
+// Seen through a shutter that takes as long as it might: the pose moves as the share says.
+TEST_F(CameraShareTest, OfTheReadoutIsHowThePoseMovesWithIt) {
+  constexpr double kSigma_s = 0.002;
+  Twist twist;
+  twist << 0.4, -0.3, 0.2, 0.1, 0.3, -0.2;
+  const PoseSolution straight = solved(truth_);
+  const Matrix6d share = readoutShare(straight, known_, truth_, twist, kSigma_s);
+  for (MarkerDetection& detection : seen_) {
+    const auto depth_m =
+        depthFromPose(T_w_c_, markers_[static_cast<std::size_t>(detection.id)].T_w_m, kSize);
+    ASSERT_TRUE(depth_m);
+    detection = atMidFrame(detection, truth_, twist, *depth_m, kSigma_s);
+  }
+  known_ = testing::knownFrom(seen_, markers_, kSize);
+  const auto moved = PoseOptimizer(truth_.focalLength(), kAll).optimize(known_, T_w_c_);
+  ASSERT_TRUE(moved);
+  const Vector6d shift = straight.T_w_c.localCoordinates(moved->T_w_c);
+  EXPECT_GT(shift.norm(), 1e-4);
+  EXPECT_LT((share - shift * shift.transpose()).norm(), 0.05 * share.norm());
+}
+
+TEST_F(CameraShareTest, AKnownReadoutAndACameraAtRestHaveNone) {
+  const PoseSolution straight = solved(truth_);
+  EXPECT_TRUE(readoutShare(straight, known_, truth_, Twist::Ones(), 0.0).isZero());
+  EXPECT_TRUE(readoutShare(straight, known_, truth_, Twist::Zero(), 0.01).isZero());
 }
 
 }  // namespace
