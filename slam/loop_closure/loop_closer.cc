@@ -270,8 +270,9 @@ std::optional<LoopRejection> rejectionOf(const Candidate& best,
   return much_worse ? std::nullopt : std::optional(LoopRejection::kAmbiguous);
 }
 
-// The old views alone speak for the corrected map, whatever the closing frame says: they had been
-// bent. Where that frame belongs is seen from the better map.
+// The old views alone speak for the corrected map: they had been bent. They need neither another
+// candidate beside it, nor a closing frame that fits: where that belongs is seen from the better
+// map.
 bool isMuchBetter(const Candidate& best, double allowed) { return best.growth < -allowed; }
 
 ClosedLoop closedBy(Candidate candidate, KeyframeId newest, Keyframe frame) {
@@ -314,9 +315,11 @@ Task<LoopOutcome> closeLoop(const Map& map, LoopFrame loop, const MarkerOptions&
   if (loop.expected.empty() || before.part.keyframes.empty()) co_return LoopRejection::kNoEvidence;
   const PoseGraph graph =
       co_await covisibilityGraph(before.part.problem, options.edges_per_keyframe, budget);
+  const double allowed = allowedGrowth(before, loop.loop_markers.size(), options);
   std::optional<Candidate> best;
   std::optional<Candidate> other;
   for (const Transform& expected : loop.expected) {
+    if (best && isMuchBetter(*best, allowed) && !rejectionOf(*best, {}, allowed, options)) break;
     BundleProblem corrected =
         co_await correctedProblem(before.part, graph, loop, expected, options, budget);
     Candidate candidate = co_await tryCandidate(before, std::move(corrected), options, budget);
@@ -327,7 +330,6 @@ Task<LoopOutcome> closeLoop(const Map& map, LoopFrame loop, const MarkerOptions&
       best = std::move(candidate);
     }
   }
-  const double allowed = allowedGrowth(before, loop.loop_markers.size(), options);
   if (const auto rejection = rejectionOf(*best, other, allowed, options)) {
     if (!isMuchBetter(*best, allowed)) co_return *rejection;
     co_return RelaxedMap{std::move(best->correction), before.newest};

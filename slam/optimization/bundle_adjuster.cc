@@ -12,6 +12,9 @@ namespace waymark::slam {
 namespace {
 
 constexpr double kHopeless = 1e10;  // damping beyond which no step will help
+// Of a cost, in units of the noise squared: a large map that has so much less of it is seen to be
+// another one, however small a part of its cost that is.
+constexpr double kNoticeable = 1.0;
 
 // What steps cost, in microseconds of a core of 3 GHz.
 constexpr double kMovePose = 0.15;
@@ -103,7 +106,9 @@ Task<bool> BundleAdjuster::iterate(Budget* budget) {
     summary_.failed = true;
     co_return false;
   }
-  if (decrease > options_.min_relative_decrease * cost) co_return true;
+  const double variance = summary_.residual_sigma * summary_.residual_sigma;
+  if (decrease > std::min(options_.min_relative_decrease * cost, kNoticeable * variance))
+    co_return true;
   // Converged, and done unless the gate has something to say.
   if (gate_passed_) co_return false;
   summary_.failed = !co_await gateViews(budget);

@@ -21,7 +21,8 @@ namespace waymark::slam {
 struct BundleOptions {
   // More come nearer to the optimum and cost time.
   int max_iterations = 10;
-  // Stop when an iteration lowers the cost by less than this share of it.
+  // Stop when an iteration lowers the cost by less than this share of it, and by less than chance
+  // makes of it.
   double min_relative_decrease = 1e-4;
   // Huber's threshold on a corner's whitened residual norm, in units of the noise.
   double huber = 2.45;

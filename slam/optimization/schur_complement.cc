@@ -21,9 +21,14 @@ constexpr double kMoveVector = 0.01;
 
 // Fewer kept poses than this are solved directly: it costs no more.
 constexpr int kFewPoses = 300;
-// The step is good enough when what is left of the system's decrease is this small a part of it.
+// The step is good enough when what is left of the system's decrease is this small a part of it,
+// but in units of the noise, which the equations are in, not more than that, nor need it be less.
+// (Most of a large decrease is that of single views. What bends a whole map is the rest, and comes
+// last.)
 constexpr double kLeftOfDecrease = 1e-5;
-constexpr int kMostIterations = 20;
+constexpr double kLeastLeft = 0.01;
+constexpr double kMostLeft = 0.1;
+constexpr int kMostIterations = 30;
 
 Matrix6d damped(const Matrix6d& H, double lambda) {
   Matrix6d result = H;
@@ -185,7 +190,8 @@ Task<bool> SchurComplement::solveIteratively(const BundleProblem& problem,
     co_await budget->spend(4.0 * vectors);
     double now = 0.0;
     for (std::size_t k = 0; k < n; ++k) now += residual[k].dot(reduced_.right(static_cast<int>(k)));
-    if (i > 0 && alpha * now <= kLeftOfDecrease * decrease) {
+    const double enough = std::clamp(kLeftOfDecrease * decrease, kLeastLeft, kMostLeft);
+    if (i > 0 && alpha * now <= enough) {
       for (std::size_t k = 0; k < n; ++k) reduced_.right(static_cast<int>(k)) = x[k];
       co_return true;
     }

