@@ -57,9 +57,10 @@ Matrix6d lensShare(const PoseSolution& solution, std::span<const KnownMarker> ma
 Matrix6d readoutShare(const PoseSolution& solution, std::span<const KnownMarker> markers,
                       const CameraModel& camera, const Twist& twist, double sigma_s) {
   if (sigma_s == 0.0) return Matrix6d::Zero();
+  const Transform T_c_w = solution.T_w_c.inverse();
   // As atMidFrame() moves a corner.
   const auto byReadout = [&](const KnownMarker& marker, std::size_t k, const Projection&) {
-    const Eigen::Vector3d p_c = solution.T_w_c.inverse() * marker.corners_w[k];
+    const Eigen::Vector3d p_c = T_c_w * marker.corners_w[k];
     const double row = rowTime(marker.detection->pixels[k].y(), camera.height());
     return Eigen::Vector2d(-row * imageVelocity(p_c, twist));
   };

@@ -1,30 +1,21 @@
-// Steps of a Cholesky factorization by 6x6 blocks beside those of small_cholesky.h. A map's
-// optimization spends most of its time in the first two: they are there in several forms, and the
-// fastest that the processor can run is taken when the program starts.
+// Steps of a Cholesky factorization by 6x6 blocks beside those of small_cholesky.h.
 #pragma once
-
-#include <span>
 
 #include "slam/geometry/transform.h"
 
 namespace waymark::slam {
 
 // B becomes B L^-T. L: a factor of factorizeCholesky.
-void divideByTransposed(const Matrix6d& L, Matrix6d* B);
+inline void divideByTransposed(const Matrix6d& L, Matrix6d* B) {
+  for (int j = 0; j < 6; ++j) {
+    Vector6d column = B->col(j);
+    for (int k = 0; k < j; ++k) column -= L(j, k) * B->col(k);
+    B->col(j) = L(j, j) * column;
+  }
+}
 
-// C becomes C - A B^T.
+// C becomes C - A B^T; it is neither of them. A map's optimization spends most of its time here.
 void subtractProduct(const Matrix6d& A, const Matrix6d& B, Matrix6d* C);
-
-// Forms of these two, for processors of one kind. All round alike: a recording gives the same map
-// on each of them. (So nothing is fused on x86-64, where the least one cannot.)
-struct BlockKernels {
-  const char* name = nullptr;
-  void (*divide_by_transposed)(const Matrix6d& L, Matrix6d* B) = nullptr;
-  void (*subtract_product)(const Matrix6d& A, const Matrix6d& B, Matrix6d* C) = nullptr;
-};
-
-// Those that this processor can run; the portable one first, the one that is taken last.
-[[nodiscard]] std::span<const BlockKernels> runnableBlockKernels() noexcept;
 
 // K^T X with K = [I, -skew(d); 0, I]: what (dp, dtheta) of a rigid body at one of its points is at
 // another one, d further on (rigidTransport). For symmetric X, the transpose of X K.

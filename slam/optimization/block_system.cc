@@ -160,26 +160,21 @@ Task<bool> BlockSystem::solve(Budget* budget) {
     if (!factorizeColumn(column)) co_return false;
   }
   if (!solveGlobals()) co_return false;
-  co_return co_await substituteAll(budget);
+  co_return co_await substituteBackward(budget);
 }
 
 Task<bool> BlockSystem::solveAgain(Budget* budget) {
   for (int column = 0; column < poses(); ++column) {
-    const std::span<const int> rows = below(column);
-    co_await budget->spend(kColumn + kSubstituteBlock * static_cast<double>(rows.size()));
-    solveLower(diagonal(column), &right(column));
-    const Matrix6d* const blocks = blocks_.data() + first_[at(column)] + 1;
-    for (std::size_t i = 0; i < rows.size(); ++i) {
-      right(rows[i]).noalias() -= blocks[i] * right(column);
-    }
+    co_await budget->spend(kColumn + kSubstituteBlock * static_cast<double>(below(column).size()));
+    substituteForward(column);
   }
-  co_return co_await substituteAll(budget);
+  co_return co_await substituteBackward(budget);
 }
 
-Task<bool> BlockSystem::substituteAll(Budget* budget) {
+Task<bool> BlockSystem::substituteBackward(Budget* budget) {
   for (int column = poses() - 1; column >= 0; --column) {
     co_await budget->spend(kColumn + kSubstituteBlock * static_cast<double>(below(column).size()));
-    substitute(column);
+    substituteBackward(column);
     if (!right(column).allFinite()) co_return false;
   }
   co_return true;
@@ -191,7 +186,7 @@ bool BlockSystem::factorizeColumn(int column) {
   const std::span<const int> rows = below(column);
   Matrix6d* const blocks = blocks_.data() + first_[at(column)] + 1;
   for (std::size_t i = 0; i < rows.size(); ++i) divideByTransposed(L, &blocks[i]);
-  solveLower(L, &right(column));
+  substituteForward(column);
   if (with_globals_) {
     PoseGlobalMatrix& B = globalBlock(column);
     solveLower(L, &B);
@@ -199,7 +194,6 @@ bool BlockSystem::factorizeColumn(int column) {
     global_right_.noalias() -= B.transpose() * right(column);
   }
   for (std::size_t j = 0; j < rows.size(); ++j) {
-    right(rows[j]).noalias() -= blocks[j] * right(column);
     if (with_globals_) globalBlock(rows[j]).noalias() -= blocks[j] * globalBlock(column);
     // The later column has all these rows, and others between them.
     std::size_t target = first_[at(rows[j])];
@@ -219,7 +213,16 @@ bool BlockSystem::solveGlobals() {
   return global_right_.allFinite();
 }
 
-void BlockSystem::substitute(int column) {
+void BlockSystem::substituteForward(int column) {
+  solveLower(diagonal(column), &right(column));
+  const std::span<const int> rows = below(column);
+  const Matrix6d* const blocks = blocks_.data() + first_[at(column)] + 1;
+  for (std::size_t i = 0; i < rows.size(); ++i) {
+    right(rows[i]).noalias() -= blocks[i] * right(column);
+  }
+}
+
+void BlockSystem::substituteBackward(int column) {
   Vector6d& x = right(column);
   if (with_globals_) x.noalias() -= globalBlock(column) * global_right_;
   const std::span<const int> rows = below(column);

@@ -52,8 +52,9 @@ class BlockSystem {
   [[nodiscard]] std::span<const int> below(int column) const;
   [[nodiscard]] bool factorizeColumn(int column);
   [[nodiscard]] bool solveGlobals();
-  Task<bool> substituteAll(Budget* budget);
-  void substitute(int column);
+  Task<bool> substituteBackward(Budget* budget);
+  void substituteForward(int column);
+  void substituteBackward(int column);
   void invertColumn(int column, std::vector<Matrix6d>* scratch);
 
   bool with_globals_ = false;

@@ -176,7 +176,12 @@ Task<bool> SchurComplement::solveIteratively(const BundleProblem& problem,
       residual[at(views_[v].position)].noalias() += Z_[v] * right_[e];
     }
   }
+  co_return co_await conjugateGradients(diagonal, std::move(residual), budget);
+}
 
+Task<bool> SchurComplement::conjugateGradients(const std::vector<Matrix6d>& diagonal,
+                                               std::vector<Vector6d> residual, Budget* budget) {
+  const std::size_t n = residual.size();
   const double vectors = kMoveVector * static_cast<double>(n);
   std::vector<Vector6d> x(n, Vector6d::Zero());
   std::vector<Vector6d> direction(n, Vector6d::Zero());

@@ -1,9 +1,9 @@
 // The solution of a bundle adjustment's normal equations by the Schur complement: the more numerous
 // kind of poses, cameras or markers, is eliminated pose by pose, and the others solved as one
 // system. What depends on who sees whom is found out once, what depends on the values in each
-// solve. Of a large map that system's factor costs ten times as much as everything else together,
-// and changes little from one iteration to the next: it is made once, and stands in for the true
-// one in conjugate gradients from then on.
+// solve. Of a large map that system's factor costs as much as thirty products with it, and changes
+// little from one iteration to the next: it stands in for the true one in conjugate gradients, and
+// is made anew only where it is too far from it.
 #pragma once
 
 #include <optional>
@@ -40,10 +40,12 @@ class SchurComplement {
   static std::size_t at(int index) { return static_cast<std::size_t>(index); }
   Task<bool> solveDirectly(const BundleProblem& problem, const NormalEquations& equations,
                            double lambda, Budget* budget);
-  // Preconditioned conjugate gradients (Hestenes and Stiefel 1952). False where the factor is too
-  // far from the equations for them.
+  // Both with the factor that is there. False where it is too far from the equations.
   Task<bool> solveIteratively(const BundleProblem& problem, const NormalEquations& equations,
                               double lambda, Budget* budget);
+  // Preconditioned (Hestenes and Stiefel 1952), from zero on. residual: the right sides.
+  Task<bool> conjugateGradients(const std::vector<Matrix6d>& diagonal,
+                                std::vector<Vector6d> residual, Budget* budget);
   // What is left of the kept poses' system, times x; both by position.
   Task<Done> multiply(const std::vector<Matrix6d>& diagonal, const std::vector<Vector6d>& x,
                       std::vector<Vector6d>* result, Budget* budget) const;

@@ -1,11 +1,11 @@
 #include "slam/optimization/schur_complement.h"
 
-#include <deque>
 #include <random>
+#include <vector>
 
 #include <gtest/gtest.h>
 
-#include "slam/testing/scene.h"
+#include "slam/testing/bundle_scenario.h"
 
 namespace waymark::slam {
 namespace {
@@ -13,35 +13,22 @@ namespace {
 constexpr double kNoOutliers = 1e9;
 
 // A wall with more markers than are solved for directly again and again, and a camera in front of
-// each, that sees a few of them; all but the first camera a little off. Not copied nor moved: the
-// problem points into it.
-struct LargeWall {
+// each, that sees a few of them.
+struct LargeWall : testing::BundleScenario {
   static constexpr int kRows = 18;
   static constexpr int kColumns = 18;
-  static constexpr double kSizeM = 0.12;
 
-  LargeWall() {
-    const auto wall = testing::markerWall(kRows, kColumns, 0.5, &rng);
-    for (const auto& marker : wall) {
-      problem.markers.push_back({testing::disturbed(marker.T_w_m, 0.01, &rng), false});
-      problem.marker_sizes_m.push_back(kSizeM);
+  LargeWall() : BundleScenario(17, 0.2, inFrontOfEach(), kRows, kColumns) {}
+
+  static std::vector<Transform> inFrontOfEach() {
+    std::mt19937 rng(17);
+    std::vector<Transform> cameras;
+    for (const auto& marker : testing::markerWall(kRows, kColumns, 0.5, &rng)) {
+      const Eigen::Vector3d& p = marker.T_w_m.p;
+      cameras.push_back(testing::lookAt(p + Eigen::Vector3d(0.2, -1.2, 0.1), p));
     }
-    for (const auto& facing : wall) {
-      const Eigen::Vector3d& p = facing.T_w_m.p;
-      const Transform T_w_c = testing::lookAt(p + Eigen::Vector3d(0.2, -1.2, 0.1), p);
-      const int c = static_cast<int>(problem.cameras.size());
-      problem.cameras.push_back({c == 0 ? T_w_c : testing::disturbed(T_w_c, 0.01, &rng), c == 0});
-      for (const auto& marker : wall) {
-        const auto seen =
-            testing::observe(camera, T_w_c, marker.id, marker.T_w_m, kSizeM, 0.2, &rng);
-        if (!seen) continue;
-        detections.push_back(*seen);
-        problem.observations.push_back({c, marker.id, &detections.back()});
-      }
-    }
+    return cameras;
   }
-  LargeWall(const LargeWall&) = delete;
-  LargeWall& operator=(const LargeWall&) = delete;
 
   [[nodiscard]] NormalEquations linearized() const {
     const auto whitened = runToCompletion([&](Budget* a) { return whitenViews(problem, a); });
@@ -58,11 +45,6 @@ struct LargeWall {
       problem.markers[m].T = problem.markers[m].T.retract(step.marker[m]);
     }
   }
-
-  std::mt19937 rng{17};
-  CameraModel camera{testing::testCalibration()};
-  std::deque<MarkerDetection> detections;
-  BundleProblem problem;
 };
 
 SchurComplement arranged(const BundleProblem& problem) {

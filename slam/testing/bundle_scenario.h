@@ -3,6 +3,7 @@
 
 #include <deque>
 #include <random>
+#include <utility>
 #include <vector>
 
 #include "slam/optimization/bundle_problem.h"
@@ -17,17 +18,18 @@ struct BundleScenario {
 
   BundleScenario(unsigned seed, double sigma_px, int camera_count = 10, int rows = 3,
                  int columns = 4)
-      : rng(seed) {
+      : BundleScenario(seed, sigma_px, alongTheWall(camera_count), rows, columns) {}
+  BundleScenario(unsigned seed, double sigma_px, std::vector<Transform> cameras, int rows,
+                 int columns)
+      : rng(seed), true_cameras(std::move(cameras)) {
     const auto markers = markerWall(rows, columns, 0.5, &rng);
     for (const auto& marker : markers) {
       true_markers.push_back(marker.T_w_m);
       problem.markers.push_back({disturbed(marker.T_w_m, 0.02, &rng), false});
       problem.marker_sizes_m.push_back(kSizeM);
     }
-    for (int c = 0; c < camera_count; ++c) {
-      const Transform T_w_c =
-          lookAt({0.25 * c - 1.1, 0.4 * (c % 3), 0.2 * (c % 2)}, {0.1 * c - 0.5, 3.0, 0.0});
-      true_cameras.push_back(T_w_c);
+    for (const Transform& T_w_c : true_cameras) {
+      const int c = static_cast<int>(problem.cameras.size());
       problem.cameras.push_back({c == 0 ? T_w_c : disturbed(T_w_c, 0.02, &rng), c == 0});
       for (const auto& marker : markers) {
         const auto seen = observe(camera, T_w_c, marker.id, marker.T_w_m, kSizeM, sigma_px, &rng);
@@ -60,6 +62,15 @@ struct BundleScenario {
         Eigen::Vector3d::Constant(1.0 / (sigma_rad * sigma_rad));
     const Transform& truth = true_markers[static_cast<std::size_t>(marker)];
     problem.priors.push_back({marker, truth.retract(off), information.asDiagonal()});
+  }
+
+  static std::vector<Transform> alongTheWall(int count) {
+    std::vector<Transform> cameras;
+    for (int c = 0; c < count; ++c) {
+      cameras.push_back(
+          lookAt({0.25 * c - 1.1, 0.4 * (c % 3), 0.2 * (c % 2)}, {0.1 * c - 0.5, 3.0, 0.0}));
+    }
+    return cameras;
   }
 
   std::mt19937 rng;
