@@ -1,6 +1,7 @@
 #include "slam/batch_mapper.h"
 
 #include "slam/camera/lens_model.h"
+#include "slam/camera/pose_by_camera.h"
 #include "slam/optimization/map_optimizer.h"
 
 namespace waymark::slam {
@@ -50,19 +51,22 @@ void BatchMapper::optimizeWithIntrinsics() {
   recoverCovariance();
 }
 
-PoseEstimate BatchMapper::estimateOf(const std::vector<KnownMarker>& known, const Twist& twist,
-                                     PoseSolution* solution) const {
+PoseEstimate BatchMapper::estimateOf(const std::vector<KnownMarker>& known,
+                                     const RecordedFrame& frame, PoseSolution* solution) const {
   const double sigma = with_.updater->residualSigma();
   solution->widenTo(sigma * sigma);
-  PoseEstimate estimate = with_.tracker.estimateOf(*solution, known, twist);
-  estimate.covariance = with_.covariance->inWorld(*solution, known);
+  PoseEstimate estimate = with_.tracker.estimateOf(*solution, known, frame.twist);
+  const PoseGlobalMatrix in_view =
+      poseByCamera(*solution, known, with_.uncertainty, frame.twist, frame.monotonic_ns);
+  estimate.covariance = with_.covariance->inWorld(*solution, known, in_view);
+  estimate.view_covariance += in_view * with_.uncertainty.covariance * in_view.transpose();
   return estimate;
 }
 
 std::optional<PoseEstimate> BatchMapper::localize(const RecordedFrame& frame) const {
   auto located = locator_.locate(*with_.map, frame);
   if (!located) return std::nullopt;
-  return estimateOf(located->known, frame.twist, &located->solution);
+  return estimateOf(located->known, frame, &located->solution);
 }
 
 std::optional<PosesOfOneMarker> BatchMapper::localizeByOneMarker(const RecordedFrame& frame) const {
@@ -72,7 +76,7 @@ std::optional<PosesOfOneMarker> BatchMapper::localizeByOneMarker(const RecordedF
   PosesOfOneMarker both{
       located->known.front().detection->id, {}, located->view.log_odds, located->view.barrier};
   for (std::size_t i = 0; i < 2; ++i) {
-    both.poses[i] = estimateOf(located->known, frame.twist, &located->solutions[i]);
+    both.poses[i] = estimateOf(located->known, frame, &located->solutions[i]);
   }
   return both;
 }

@@ -6,6 +6,7 @@
 #include <optional>
 #include <span>
 
+#include "slam/camera/camera_uncertainty.h"
 #include "slam/camera/lens_knowledge.h"
 #include "slam/camera/lens_optimizer.h"
 #include "slam/camera/rolling_shutter_estimator.h"
@@ -29,6 +30,7 @@ struct BatchMapperParts {
   const Tracker& tracker;
   CameraModel* camera;
   const LensKnowledge& lens;
+  const CameraUncertainty& uncertainty;
   MapUpdater* updater;  // idle whenever the map is to change
   MapCovariance* covariance;
   Map* map;
@@ -53,9 +55,9 @@ class BatchMapper {
  private:
   [[nodiscard]] bool hasMapToOptimize() const;
   [[nodiscard]] ExpectedLens expectedLens() const;
-  // The pose, its covariance as the map's residuals and the map's own doubt have it.
-  [[nodiscard]] PoseEstimate estimateOf(const std::vector<KnownMarker>& known, const Twist& twist,
-                                        PoseSolution* solution) const;
+  // The pose, its covariance as the map's residuals, the map's own doubt and the camera's have it.
+  [[nodiscard]] PoseEstimate estimateOf(const std::vector<KnownMarker>& known,
+                                        const RecordedFrame& frame, PoseSolution* solution) const;
 
   BatchMapperParts with_;
   KeyframeId last_old_keyframe_;  // of the map given at the start; -1 for none

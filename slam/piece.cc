@@ -7,9 +7,9 @@
 
 #include "base/task.h"
 #include "slam/batch_mapper.h"
-#include "slam/camera/camera_share.h"
 #include "slam/camera/lens_estimator.h"
 #include "slam/camera/lens_watch.h"
+#include "slam/camera/pose_by_camera.h"
 #include "slam/camera/rolling_shutter_estimator.h"
 #include "slam/camera/undistort_map.h"
 #include "slam/covariance/map_covariance.h"
@@ -56,13 +56,16 @@ class Piece::Impl {
             camera_, tracker_.tracker().optimizer(), local_, &screening_, &rolling_shutter_, &lens_,
             &counters_),
         map_(std::move(map)),
-        covariance_(options_.markers, options_.covariance, map_, options_.mapping),
+        covariance_(options_.markers, options_.covariance, camera_uncertainty_, map_,
+                    options_.mapping),
         features_(options_.natural, camera_, covariance_, &counters_),
         pictures_({options_, &updater_, &covariance_, &features_, &map_, &counters_}),
         world_(options_.markers),
         start_({options_, camera_, tracker_.tracker(), &updater_, &covariance_, &map_}),
         batch_({options_, screening_, rolling_shutter_, tracker_.tracker(), parts.camera,
-                *parts.lens, &updater_, &covariance_, &map_}) {}
+                *parts.lens, camera_uncertainty_, &updater_, &covariance_, &map_}) {
+    noteCamera();
+  }
 
   // The stages of seed 1, Fig. 4, in its order.
   FrameResult process(const FrameInput& frame, std::span<const MarkerDetection> detections,
@@ -82,6 +85,7 @@ class Piece::Impl {
       screening_.forgetDisagreements();
       detections = undistorted(detections);
     }
+    noteCamera();
     result.detections = detections;
     const auto prediction = tracker_.predict(frame.time.monotonic_ns);  // in the newest coordinates
     Counters nobodys;
@@ -173,6 +177,7 @@ class Piece::Impl {
       FrameResult nobodys;
       (void)collectWork(&nobodys);
     }
+    noteCamera();
     return batch_;
   }
   [[nodiscard]] const BatchMapper& batch() const { return batch_; }
@@ -207,10 +212,22 @@ class Piece::Impl {
     return undistorted_;
   }
 
+  // What is known of it by now.
+  void noteCamera() {
+    GlobalMatrix& covariance = camera_uncertainty_.covariance;
+    covariance.setZero();
+    if (lens_known_.state != LensState::kGiven) {
+      covariance.topLeftCorner<9, 9>() = lens_known_.covariance;
+    }
+    covariance(9, 9) = rolling_shutter_.sigma_s() * rolling_shutter_.sigma_s();
+    camera_uncertainty_.since_ns = lens_known_.since_ns;
+  }
+
   // What was seen through another lens: its noise, and where it has put the features.
   void noteLens() {
     tracker_.forgetNoise();
     features_.forget();
+    noteCamera();
     covariance_.noteChange();
     if (options_.mapping) lens_watch_.forget();
   }
@@ -264,15 +281,15 @@ class Piece::Impl {
                      options_.loops.optimization);
   }
 
-  // What is not known of a lens or a readout time that is learned.
+  // What is not known of a lens or a readout time that is learned: it moves the pose, and the map
+  // that the pose is found from.
   void addCamera(const TrackedFrame& frame, PoseEstimate* pose) const {
-    Matrix6d share = readoutShare(frame.solution, frame.eligible, camera_, frame.twist,
-                                  rolling_shutter_.sigma_s());
-    if (lens_known_.state != LensState::kGiven) {
-      share += lensShare(frame.solution, frame.eligible, camera_, lens_known_.covariance);
-    }
-    pose->covariance += share;
-    pose->view_covariance += share;
+    const PoseGlobalMatrix in_view = poseByCamera(
+        frame.solution, frame.eligible, camera_uncertainty_, frame.twist, frame.time.monotonic_ns);
+    const PoseGlobalMatrix in_world = in_view + covariance_.sharedByCamera(frame.solution.T_w_c.p);
+    const GlobalMatrix& parameters = camera_uncertainty_.covariance;
+    pose->covariance += in_world * parameters * in_world.transpose();
+    pose->view_covariance += in_view * parameters * in_view.transpose();
   }
 
   std::optional<TrackedFrame> trackMarkers(std::span<const MarkerDetection> usable,
@@ -306,6 +323,8 @@ class Piece::Impl {
               StageObserver* observer, FrameResult* result) {
     result->pose = features_.bridge(frame, observer);
     if (!result->pose) return;
+    const PoseGlobalMatrix by_camera = covariance_.sharedByCamera(result->pose->T_w_c.p);
+    result->pose->covariance += by_camera * camera_uncertainty_.covariance * by_camera.transpose();
     result->state = TrackingState::kBridging;
     result->reason = NoPoseReason::kNone;
     tracker_.commit(*result->pose, frame.time.monotonic_ns);
@@ -425,6 +444,7 @@ class Piece::Impl {
   FrameTracker tracker_;
   MapUpdater updater_;
   Map map_;
+  CameraUncertainty camera_uncertainty_{.camera = &camera_};
   MapCovariance covariance_;
   FeatureStage features_;
   PictureStage pictures_;

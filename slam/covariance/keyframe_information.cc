@@ -20,17 +20,20 @@ namespace {
 // A keyframe's view of a marker.
 struct LinearizedView {
   int index = 0;  // of the unknown ones; less than 0 for one that is fixed
-  Matrix6d information = Matrix6d::Zero();        // A: of the marker, the camera held
-  Vector6d gradient = Vector6d::Zero();           // g = J^T W r: of half the squared residuals
-  Eigen::Vector3d d_w = Eigen::Vector3d::Zero();  // from the camera to the marker, metres
-  Vector6d moved = Vector6d::Zero();              // the marker, from its point to where it is
+  Matrix6d information = Matrix6d::Zero();  // A: of the marker, the camera held
+  Vector6d gradient = Vector6d::Zero();     // g = J^T W r: of half the squared residuals
+  PoseGlobalMatrix by_camera = PoseGlobalMatrix::Zero();  // of the gradient, d / d parameters
+  Eigen::Vector3d d_w = Eigen::Vector3d::Zero();          // from the camera to the marker, metres
+  Vector6d moved = Vector6d::Zero();  // the marker, from its point to where it is
 };
 
 // False when a corner is behind the camera. Jacobians at the marker's point, residuals where it is.
 // Corners beyond `huber` pull as in the optimizations.
 bool linearizeView(const Transform& point, const MapMarker& marker,
-                   const MarkerDetection& detection, const Transform& T_w_c, double huber,
-                   LinearizedView* view) {
+                   const MarkerDetection& detection, const Keyframe& keyframe,
+                   const CameraUncertainty& camera, double huber, LinearizedView* view) {
+  const auto [first, parameters] = camera.unknown();
+  const Transform& T_w_c = keyframe.T_w_c;
   const Transform& T_w_m = *marker.T_w_m;
   const auto corners_m = markerCorners(marker.size_m);
   for (std::size_t k = 0; k < 4; ++k) {
@@ -45,6 +48,12 @@ bool linearizeView(const Transform& point, const MapMarker& marker,
     addSquare(projection.J_point, arm, W, &view->information);
     view->gradient +=
         huberWeight(r.dot(Wr), huber) * transposedJacobianTimes(projection.J_point, arm, Wr);
+    if (parameters == 0) continue;
+    const CornerByCamera seen = cornerByCamera(camera, detection.pixels[k], corner_c,
+                                               keyframe.twist, keyframe.monotonic_ns);
+    for (int i = first; i < first + parameters; ++i) {
+      view->by_camera.col(i) -= transposedJacobianTimes(projection.J_point, arm, W * seen.col(i));
+    }
   }
   mirror(&view->information);
   return true;
@@ -63,31 +72,46 @@ std::size_t placeOf(std::size_t row, std::size_t column, std::size_t n) {
   return column * n - column * (column + 1) / 2 + row;
 }
 
-// A_i where i = j, less A_i T_i C^-1 T_j^T A_j, C = sum T_i^T A_i T_i; and on the right side less
+// Where that of a marker by one of the parameters is.
+std::size_t placeOf(std::size_t marker, int parameter, int count) {
+  return marker * static_cast<std::size_t>(count) + static_cast<std::size_t>(parameter);
+}
+
+// A_i where i = j, less A_i T_i C^-1 T_j^T A_j, C = sum T_i^T A_i T_i; and on the right sides less
 // g_i, and A_i T_i C^-1 sum T_j^T g_j. (Moving the camera is moving all it sees the other way: the
 // camera's Jacobian is that of the marker times -T, T = rigidTransport(d).)
 void eliminateCamera(const std::vector<LinearizedView>& views, KeyframeInformation* information) {
   const std::size_t n = information->unknown.size();
   Matrix6d C = Matrix6d::Zero();
   Vector6d pull = Vector6d::Zero();
+  const auto [first, count] = information->parameters;
+  PoseGlobalMatrix pull_by_camera = PoseGlobalMatrix::Zero();
   std::vector<Matrix6d> Y(views.size());  // A_i T_i, later times L^-T
   for (std::size_t i = 0; i < views.size(); ++i) {
     const LinearizedView& view = views[i];
     Y[i] = transposedTransport(view.d_w, view.information).transpose();
     C += transposedTransport(view.d_w, Y[i]);
     pull += transposedTransport(view.d_w, view.gradient);
+    for (int p = first; p < first + count; ++p) {
+      pull_by_camera.col(p) += transposedTransport<1>(view.d_w, view.by_camera.col(p));
+    }
   }
   if (!factorizeCholesky(&C)) {  // where the camera is, is open: so is what it says
     std::ranges::fill(information->blocks, Matrix6d::Zero());
     std::ranges::fill(information->right, Vector6d::Zero());
+    std::ranges::fill(information->by_camera, Vector6d::Zero());
     return;
   }
   solveLower(C, &pull);
+  if (count > 0) solveLower(C, &pull_by_camera);
   for (Matrix6d& Y_i : Y) divideByTransposed(C, &Y_i);
   for (std::size_t j = 0; j < views.size(); ++j) {
     if (views[j].index < 0) continue;  // the fixed ones come first
     const auto column = static_cast<std::size_t>(views[j].index);
     information->right[column].noalias() += Y[j] * pull;
+    for (int p = 0; p < count; ++p) {
+      information->by_camera[placeOf(column, p, count)] += Y[j] * pull_by_camera.col(first + p);
+    }
     for (std::size_t i = j; i < views.size(); ++i) {
       const auto row = static_cast<std::size_t>(views[i].index);
       subtractProduct(Y[i], Y[j], &information->blocks[placeOf(row, column, n)]);
@@ -140,15 +164,18 @@ const LinearizationPoint& LinearizationPoints::follow(int marker, const Transfor
 std::size_t KeyframeInformation::bytes() const {
   return sizeof(*this) + links.capacity() * sizeof(MarkerLink) +
          markers.capacity() * sizeof(Marker) + unknown.capacity() * sizeof(int) +
-         blocks.capacity() * sizeof(Matrix6d) + right.capacity() * sizeof(Vector6d);
+         blocks.capacity() * sizeof(Matrix6d) +
+         (right.capacity() + by_camera.capacity()) * sizeof(Vector6d);
 }
 
 KeyframeInformation beginInformation(const Keyframe& keyframe, bool held, double residual_sigma,
-                                     const MarkerLookup& markers) {
+                                     const CameraUncertainty& camera, const MarkerLookup& markers) {
   KeyframeInformation information;
   information.T_w_c = keyframe.T_w_c;
   information.detections = keyframe.detections;
   information.links = keyframe.links;
+  information.twist = keyframe.twist;
+  information.parameters = camera.unknown();
   information.residual_sigma = residual_sigma;
   information.held = held;
   auto& named = information.markers;
@@ -168,10 +195,12 @@ KeyframeInformation beginInformation(const Keyframe& keyframe, bool held, double
 }
 
 bool isAsBefore(const KeyframeInformation& information, const Keyframe& keyframe, bool held,
-                double residual_sigma, const MarkerLookup& markers) {
+                double residual_sigma, const CameraUncertainty& camera,
+                const MarkerLookup& markers) {
   return information.detections.data() == keyframe.detections.data() && information.held == held &&
          std::abs(information.residual_sigma - residual_sigma) <= kSameSigma * residual_sigma &&
          isStillLinear(information.T_w_c, keyframe.T_w_c, information.smallest_m) &&
+         information.twist == keyframe.twist && information.parameters == camera.unknown() &&
          std::ranges::equal(information.links, keyframe.links, isSame) &&
          std::ranges::all_of(information.markers, [&](const auto& marker) {
            const LinearizedMarker* const known = markers(marker.id);
@@ -179,14 +208,16 @@ bool isAsBefore(const KeyframeInformation& information, const Keyframe& keyframe
          });
 }
 
-void linearize(const Map& map, const Keyframe& keyframe, const MarkerLookup& markers,
-               KeyframeInformation* information) {
+void linearize(const Map& map, const Keyframe& keyframe, const CameraUncertainty& camera,
+               const MarkerLookup& markers, KeyframeInformation* information) {
   const std::size_t n = information->unknown.size();
   const double sigma = information->residual_sigma;
   const double huber = BundleOptions{}.huber * sigma;  // as in the optimizations
   information->T_w_c = keyframe.T_w_c;
   information->blocks.assign(n * (n + 1) / 2, Matrix6d::Zero());
   information->right.assign(n, Vector6d::Zero());
+  const auto [first, count] = information->parameters;
+  information->by_camera.assign(n * static_cast<std::size_t>(count), Vector6d::Zero());
   information->smallest_m = 0.0;
   std::vector<LinearizedView> views;
   views.reserve(information->markers.size());
@@ -213,7 +244,7 @@ void linearize(const Map& map, const Keyframe& keyframe, const MarkerLookup& mar
   };
   for (const MarkerDetection& detection : keyframe.detections) {
     add(detection.id, [&](const Transform& point, const MapMarker& marker, LinearizedView* view) {
-      return linearizeView(point, marker, detection, keyframe.T_w_c, huber, view);
+      return linearizeView(point, marker, detection, keyframe, camera, huber, view);
     });
   }
   for (const MarkerLink& link : keyframe.links) {
@@ -229,6 +260,9 @@ void linearize(const Map& map, const Keyframe& keyframe, const MarkerLookup& mar
     const auto i = static_cast<std::size_t>(view.index);
     information->blocks[placeOf(i, i, n)] += view.information;
     information->right[i] -= view.gradient;
+    for (int p = 0; p < count; ++p) {
+      information->by_camera[placeOf(i, p, count)] -= view.by_camera.col(first + p);
+    }
   }
   if (!information->held) eliminateCamera(views, information);
   moveToPoints(views, information);

@@ -13,6 +13,7 @@
 #include <map>
 #include <vector>
 
+#include "slam/camera/camera_uncertainty.h"
 #include "slam/geometry/transform.h"
 #include "slam/map/map.h"
 
@@ -56,6 +57,8 @@ struct KeyframeInformation {
   SharedDetections detections;
   std::vector<MarkerLink> links;
   std::vector<Marker> markers;
+  Twist twist = Twist::Zero();
+  CameraUncertainty::Unknown parameters;  // of the camera
   double residual_sigma = 1.0;
   double smallest_m = 0.0;  // of the markers
   bool held = false;        // its pose is the world's, and not eliminated
@@ -65,6 +68,9 @@ struct KeyframeInformation {
   std::vector<int> unknown;
   std::vector<Matrix6d> blocks;
   std::vector<Vector6d> right;
+  // The same where a parameter of the camera is larger by 1: all those of the first unknown marker,
+  // then of the next.
+  std::vector<Vector6d> by_camera;
 
   [[nodiscard]] std::size_t bytes() const;
 };
@@ -80,16 +86,18 @@ using MarkerLookup = std::function<const LinearizedMarker*(int id)>;
 // What the keyframe names: a start for linearize(), or for isAsBefore().
 [[nodiscard]] KeyframeInformation beginInformation(const Keyframe& keyframe, bool held,
                                                    double residual_sigma,
+                                                   const CameraUncertainty& camera,
                                                    const MarkerLookup& markers);
 
 // Whether linearizing the keyframe anew would say the same, up to the bounds above.
 [[nodiscard]] bool isAsBefore(const KeyframeInformation& information, const Keyframe& keyframe,
-                              bool held, double residual_sigma, const MarkerLookup& markers);
+                              bool held, double residual_sigma, const CameraUncertainty& camera,
+                              const MarkerLookup& markers);
 
 // Of the keyframe as it is now, those of its markers that it named when `information` was begun.
 // Precondition: that was with the same markers.
-void linearize(const Map& map, const Keyframe& keyframe, const MarkerLookup& markers,
-               KeyframeInformation* information);
+void linearize(const Map& map, const Keyframe& keyframe, const CameraUncertainty& camera,
+               const MarkerLookup& markers, KeyframeInformation* information);
 
 // Some 7 kB for a keyframe of six markers (a block of 288 bytes for each pair): 42 MB for 6,000 of
 // them. No more than this is kept; keyframes beyond are linearized in each recovery.

@@ -16,8 +16,12 @@ std::string MapCovarianceOptions::invalidReason() const {
 }
 
 MapCovariance::MapCovariance(const MarkerOptions& markers, const MapCovarianceOptions& options,
-                             const Map& map, bool grows)
-    : markers_(markers), options_(options), grows_(grows), due_(!map.keyframes().empty()) {
+                             const CameraUncertainty& camera, const Map& map, bool grows)
+    : markers_(markers),
+      options_(options),
+      camera_(camera),
+      grows_(grows),
+      due_(!map.keyframes().empty()) {
   for (const auto& [id, marker] : map.markers()) {
     if (marker.T_w_m) marginals_.set(id, marker.world_covariance);
   }
@@ -39,7 +43,7 @@ bool MapCovariance::work(double residual_sigma, Map* map) {
     frames_ = 0;
     epoch_ = map->epoch();
     recovery_.emplace([&](Budget* budget) {
-      return recoverMarginals(*map, markers_, residual_sigma, budget, &kept_);
+      return recoverMarginals(*map, markers_, camera_, residual_sigma, budget, &kept_);
     });
   }
   ++frames_;
@@ -56,7 +60,7 @@ void MapCovariance::recover(double residual_sigma, Map* map) {
   recovery_.reset();
   due_ = false;
   adopt(runToCompletion([&](Budget* budget) {
-          return recoverMarginals(*map, markers_, residual_sigma, budget, &kept_);
+          return recoverMarginals(*map, markers_, camera_, residual_sigma, budget, &kept_);
         }),
         map);
 }
@@ -65,7 +69,12 @@ void MapCovariance::adopt(MapMarginals marginals, Map* map) {
   if (marginals.empty()) return;
   for (const auto& [id, covariance] : marginals.markers()) {
     const MapMarker* const marker = grows_ ? map->findPosed(id) : nullptr;
-    if (marker != nullptr) map->setWorldCovariance(id, covariance + repeatedOf(*map, *marker));
+    if (marker == nullptr) continue;
+    Matrix6d told = covariance + repeatedOf(*map, *marker);
+    if (const PoseGlobalMatrix* const by_camera = marginals.byCamera(id)) {
+      told += *by_camera * camera_.covariance * by_camera->transpose();
+    }
+    map->setWorldCovariance(id, told);
   }
   marginals_ = std::move(marginals);
   followed_.forget();
@@ -90,23 +99,34 @@ void MapCovariance::introduce(int marker, const Transform& T_w_c, const Matrix6d
   map->setWorldCovariance(marker, covariance);
 }
 
-Matrix6d MapCovariance::inWorld(const PoseSolution& solution,
-                                std::span<const KnownMarker> markers) const {
-  if (!options_.enabled) return solution.covariance;
-  const auto in_world = worldCovariance(solution, markers, marginals_, doubt_);
-  return in_world ? in_world->covariance : solution.covariance;
+Matrix6d MapCovariance::inWorld(const PoseSolution& solution, std::span<const KnownMarker> markers,
+                                const PoseGlobalMatrix& in_view) const {
+  const auto ofCamera = [&](const PoseGlobalMatrix& by_camera) {
+    return Matrix6d(by_camera * camera_.covariance * by_camera.transpose());
+  };
+  const auto in_world =
+      options_.enabled ? worldCovariance(solution, markers, marginals_, doubt_) : std::nullopt;
+  if (!in_world) return solution.covariance + ofCamera(in_view);
+  const PlaceDoubt& doubt = in_world->doubt ? *in_world->doubt : doubt_;
+  return in_world->covariance + ofCamera(in_view + doubt.at(solution.T_w_c.p).by_camera);
 }
 
 Matrix6d MapCovariance::sharedAt(const Eigen::Vector3d& p_w) const {
   if (!options_.enabled) return Matrix6d::Zero();
-  const Matrix6d T = rigidTransport(p_w - doubt_.p_w);
-  return T * doubt_.covariance * T.transpose();
+  return doubt_.at(p_w).covariance;
+}
+
+PoseGlobalMatrix MapCovariance::sharedByCamera(const Eigen::Vector3d& p_w) const {
+  if (!options_.enabled) return PoseGlobalMatrix::Zero();
+  return doubt_.at(p_w).by_camera;
 }
 
 void MapCovariance::doubtAs(const MapMarker& marker) {
   followed_.forget();
   const Matrix6d* const known = marginals_.find(marker.id);
-  doubt_ = {marker.T_w_m->p, known == nullptr ? marker.world_covariance : *known};
+  const PoseGlobalMatrix* const by_camera = marginals_.byCamera(marker.id);
+  doubt_ = {marker.T_w_m->p, known == nullptr ? marker.world_covariance : *known,
+            by_camera == nullptr ? PoseGlobalMatrix(PoseGlobalMatrix::Zero()) : *by_camera};
 }
 
 bool MapCovariance::doubtIfLess(const MapMarker& marker, const Eigen::Vector3d& p_w) {

@@ -8,6 +8,7 @@
 #include <string>
 
 #include "base/task.h"
+#include "slam/camera/camera_uncertainty.h"
 #include "slam/covariance/keyframe_information.h"
 #include "slam/covariance/marginals.h"
 #include "slam/covariance/world_covariance.h"
@@ -41,8 +42,8 @@ class MapCovariance {
  public:
   // Of a map that is there already; what it says of its markers is believed until more is known.
   // grows: false where the map is only localized in, and stays as it is to the last bit.
-  MapCovariance(const MarkerOptions& markers, const MapCovarianceOptions& options, const Map& map,
-                bool grows = true);
+  MapCovariance(const MarkerOptions& markers, const MapCovarianceOptions& options,
+                const CameraUncertainty& camera, const Map& map, bool grows = true);
 
   // Poses or views have changed: the marginals are due again.
   void noteChange() { due_ = true; }
@@ -57,17 +58,20 @@ class MapCovariance {
   void introduce(int marker, const Transform& T_w_c, const Matrix6d& pose_covariance, Map* map);
 
   // Of a pose that was found from these markers; that of the solution itself where it cannot be
-  // told.
-  [[nodiscard]] Matrix6d inWorld(const PoseSolution& solution,
-                                 std::span<const KnownMarker> markers) const;
-  // What poses near the last frame's, here, have in common that the map does not know.
+  // told. in_view: poseByCamera() of it.
+  [[nodiscard]] Matrix6d inWorld(const PoseSolution& solution, std::span<const KnownMarker> markers,
+                                 const PoseGlobalMatrix& in_view) const;
+  // What poses near the last frame's, here, have in common that the map does not know, the camera
+  // as it is; and how they move, together with the map there, with the camera's parameters.
   [[nodiscard]] Matrix6d sharedAt(const Eigen::Vector3d& p_w) const;
+  [[nodiscard]] PoseGlobalMatrix sharedByCamera(const Eigen::Vector3d& p_w) const;
   // The next poses are from this marker: what the map does not know of it is theirs. Precondition:
   // it has a pose.
   void doubtAs(const MapMarker& marker);
   // The same where that is less, here, than what was so far. Whether it was.
   bool doubtIfLess(const MapMarker& marker, const Eigen::Vector3d& p_w);
-  // As inWorld(), of the newest frame: its doubt holds for the next ones whose markers are all new.
+  // As inWorld(), of the newest frame, but for the camera, which is taken as it is: its doubt holds
+  // for the next ones whose markers are all new.
   // What was computed of the frames before is taken where little has changed since.
   [[nodiscard]] Matrix6d follow(const PoseSolution& solution, std::span<const KnownMarker> markers);
 
@@ -77,6 +81,7 @@ class MapCovariance {
 
   const MarkerOptions& markers_;
   const MapCovarianceOptions& options_;
+  const CameraUncertainty& camera_;
   bool grows_;
   MapMarginals marginals_;
   PlaceDoubt doubt_;

@@ -6,6 +6,9 @@
 #include <Eigen/Eigenvalues>
 #include <gtest/gtest.h>
 
+#include "slam/camera/pose_by_camera.h"
+#include "slam/camera/rolling_shutter.h"
+#include "slam/camera/undistort_map.h"
 #include "slam/optimization/map_optimizer.h"
 #include "slam/testing/scene.h"
 
@@ -17,6 +20,7 @@ double variance_m2(const Matrix6d& covariance) { return covariance.topLeftCorner
 
 constexpr double kSize_m = 0.2;
 constexpr double kSigma_px = 0.1;
+const PoseGlobalMatrix kCameraAsItIs = PoseGlobalMatrix::Zero();
 
 double neesOf(const Transform& estimate, const Transform& truth, const Matrix6d& covariance) {
   const Vector6d error = estimate.localCoordinates(truth);
@@ -57,6 +61,7 @@ class MapCovarianceTest : public ::testing::Test {
   std::vector<testing::SyntheticMarker> markers_;
   MarkerOptions options_;
   MapCovarianceOptions covariance_options_;
+  CameraUncertainty known_camera_;
 };
 
 // The consistency test: seeded rooms, mapped from noisy views, and new frames in them.
@@ -69,7 +74,7 @@ TEST_F(MapCovarianceTest, ThePoseInTheWorldErrsAsItSays) {
   int marker_count = 0;
   for (int run = 0; run < kRuns; ++run) {
     Map map = optimizedMap();
-    MapCovariance covariance(options_, covariance_options_, map);
+    MapCovariance covariance(options_, covariance_options_, known_camera_, map);
     covariance.recover(1.0, &map);
     Frame near_start;
     Frame at_end;
@@ -78,10 +83,10 @@ TEST_F(MapCovarianceTest, ThePoseInTheWorldErrsAsItSays) {
     look(map, near_truth, &near_start);
     look(map, end_truth, &at_end);
     here += neesOf(near_start.solution.T_w_c, near_truth,
-                   covariance.inWorld(near_start.solution, near_start.known)) /
+                   covariance.inWorld(near_start.solution, near_start.known, kCameraAsItIs)) /
             kRuns;
     far += neesOf(at_end.solution.T_w_c, end_truth,
-                  covariance.inWorld(at_end.solution, at_end.known)) /
+                  covariance.inWorld(at_end.solution, at_end.known, kCameraAsItIs)) /
            kRuns;
     relative_only += neesOf(at_end.solution.T_w_c, end_truth, at_end.solution.covariance) / kRuns;
     for (const auto& [id, marker] : map.markers()) {
@@ -96,6 +101,58 @@ TEST_F(MapCovarianceTest, ThePoseInTheWorldErrsAsItSays) {
   EXPECT_NEAR(far, 6.0, 0.5);
   EXPECT_NEAR(of_markers / marker_count, 6.0, 0.5);
   EXPECT_GT(relative_only, 30.0) << "the map's share is what this is about";
+}
+
+// A room mapped, and looked at, by a moving camera with a rolling shutter that nobody knows.
+TEST_F(MapCovarianceTest, WhatIsNotKnownOfTheCameraIsInPosesAndMarkers) {
+  constexpr int kRuns = 300;
+  constexpr double kReadout_s = 0.01;
+  CameraUncertainty uncertain{.camera = &camera_};
+  uncertain.covariance(9, 9) = kReadout_s * kReadout_s;
+  std::normal_distribution<double> readout(0.0, kReadout_s);
+  Twist twist;
+  twist << 0.4, 0.1, -0.2, 0.1, 0.4, 0.2;
+  double nees = 0.0;
+  double map_held = 0.0;
+  double of_markers = 0.0;
+  for (int run = 0; run < kRuns; ++run) {
+    const double late_s = readout(rng_);
+    Map map = testing::trueMap(camera_, testing::roomViews(0.0, 4.0, 16), markers_, kSize_m,
+                               kSigma_px, &rng_);
+    for (const auto& [id, keyframe] : map.keyframes()) {
+      map.setKeyframeTwist(id, (id % 2 == 0 ? 1.0 : -0.5) * twist);
+    }
+    undistortAgain(camera_, -late_s, &map);
+    (void)optimizeGlobally(&map, options_, {.max_iterations = 30, .min_relative_decrease = 1e-9});
+    MapCovariance covariance(options_, covariance_options_, uncertain, map);
+    covariance.recover(1.0, &map);
+    Frame frame;
+    const Transform truth = testing::roomView(3.7);
+    frame.detections = testing::observeAll(camera_, truth, markers_, kSize_m, kSigma_px, &rng_);
+    for (MarkerDetection& seen : frame.detections) {
+      const auto& marker = markers_[static_cast<std::size_t>(seen.id)];
+      const auto skewed = deskewed(seen, camera_, truth, twist, marker.T_w_m, kSize_m, -late_s);
+      ASSERT_TRUE(skewed);
+      seen = *skewed;
+    }
+    frame.known = knownMarkers(map, frame.detections);
+    const auto solution = PoseOptimizer(camera_.focalLength()).optimize(frame.known, truth);
+    ASSERT_TRUE(solution);
+    const PoseGlobalMatrix in_view = poseByCamera(*solution, frame.known, uncertain, twist, 0);
+    nees +=
+        neesOf(solution->T_w_c, truth, covariance.inWorld(*solution, frame.known, in_view)) / kRuns;
+    MapCovariance of_map(options_, covariance_options_, known_camera_, map, /*grows=*/false);
+    of_map.recover(1.0, &map);
+    const Matrix6d share = in_view * uncertain.covariance * in_view.transpose();
+    map_held += neesOf(solution->T_w_c, truth,
+                       of_map.inWorld(*solution, frame.known, kCameraAsItIs) + share) /
+                kRuns;
+    const MapMarker& far = *map.find(17);
+    of_markers += neesOf(*far.T_w_m, markers_[17].T_w_m, far.world_covariance) / kRuns;
+  }
+  EXPECT_NEAR(nees, 6.0, 0.8);
+  EXPECT_NEAR(of_markers, 6.0, 0.8);
+  EXPECT_GT(map_held, 12.0) << "the map's part of it is what this is about";
 }
 
 // Corners that are found a little off in the same way whenever they are seen. (How a marker is
@@ -126,7 +183,7 @@ TEST_F(MapCovarianceTest, AMarkerIsNoBetterKnownThanWhatAllItsViewsHaveInCommon)
     }
     (void)optimizeGlobally(&map, options_, {.max_iterations = 30, .min_relative_decrease = 1e-9});
     for (const auto* options : {&covariance_options_, &with_share}) {
-      MapCovariance(options_, *options, map).recover(1.0, &map);
+      MapCovariance(options_, *options, known_camera_, map).recover(1.0, &map);
       for (const auto& [id, marker] : map.markers()) {
         const Transform& truth = markers_[static_cast<std::size_t>(id)].T_w_m;
         const double nees = neesOf(*marker.T_w_m, truth, marker.world_covariance);
@@ -142,10 +199,10 @@ TEST_F(MapCovarianceTest, AMarkerIsNoBetterKnownThanWhatAllItsViewsHaveInCommon)
 TEST_F(MapCovarianceTest, InSlicesItComesToTheSame) {
   Map map = optimizedMap();
   Map sliced_map = map;
-  MapCovariance at_once(options_, covariance_options_, map);
+  MapCovariance at_once(options_, covariance_options_, known_camera_, map);
   at_once.recover(1.0, &map);
   covariance_options_.cost_per_frame = 2.0;
-  MapCovariance sliced(options_, covariance_options_, sliced_map);
+  MapCovariance sliced(options_, covariance_options_, known_camera_, sliced_map);
   sliced.noteChange();
   int frames = 0;
   while (sliced_map.markers().at(3).world_covariance.isZero(0.0)) {
@@ -159,13 +216,13 @@ TEST_F(MapCovarianceTest, InSlicesItComesToTheSame) {
 // What was begun in coordinates that are no more is begun anew.
 TEST_F(MapCovarianceTest, BeginsAnewInANewWorld) {
   Map map = optimizedMap();
-  MapCovariance covariance(options_, covariance_options_, map);
+  MapCovariance covariance(options_, covariance_options_, known_camera_, map);
   covariance.work(1.0, &map);
   const Transform T_v_w{expSo3({0.0, 0.0, 0.5}), {10.0, 0.0, 0.0}};
   map.moveWorld(T_v_w);
   for (int i = 0; i < 2000; ++i) covariance.work(1.0, &map);
   Map moved = map;
-  MapCovariance of_moved(options_, covariance_options_, moved);
+  MapCovariance of_moved(options_, covariance_options_, known_camera_, moved);
   of_moved.recover(1.0, &moved);
   EXPECT_EQ(map.markers().at(3).world_covariance, moved.markers().at(3).world_covariance);
 }
@@ -174,16 +231,16 @@ TEST_F(MapCovarianceTest, BeginsAnewInANewWorld) {
 TEST_F(MapCovarianceTest, NewMarkersAreNoSurerThanTheirNeighbours) {
   Map map = optimizedMap();
   Map without_last = map;
-  MapCovariance all(options_, covariance_options_, map);
+  MapCovariance all(options_, covariance_options_, known_camera_, map);
   all.recover(1.0, &map);
   Frame frame;
   look(map, testing::roomView(3.7), &frame);
   ASSERT_GE(frame.known.size(), 3U);
   without_last.ban(frame.known.back().detection->id);
-  MapCovariance before(options_, covariance_options_, without_last);
+  MapCovariance before(options_, covariance_options_, known_camera_, without_last);
   before.recover(1.0, &without_last);
-  const double expected = variance_m2(all.inWorld(frame.solution, frame.known));
-  const double hanging = variance_m2(before.inWorld(frame.solution, frame.known));
+  const double expected = variance_m2(all.inWorld(frame.solution, frame.known, kCameraAsItIs));
+  const double hanging = variance_m2(before.inWorld(frame.solution, frame.known, kCameraAsItIs));
   EXPECT_GT(hanging, 0.8 * expected);
   EXPECT_LT(hanging, 2.0 * expected);
 }
@@ -191,7 +248,7 @@ TEST_F(MapCovarianceTest, NewMarkersAreNoSurerThanTheirNeighbours) {
 // Where all are new, what the last frame's place was sure of holds.
 TEST_F(MapCovarianceTest, AmongNewMarkersTheLastDoubtHolds) {
   Map map = optimizedMap();
-  MapCovariance covariance(options_, covariance_options_, map);
+  MapCovariance covariance(options_, covariance_options_, known_camera_, map);
   covariance.recover(1.0, &map);
   Frame frame;
   look(map, testing::roomView(3.7), &frame);
@@ -209,7 +266,7 @@ TEST_F(MapCovarianceTest, AmongNewMarkersTheLastDoubtHolds) {
 TEST_F(MapCovarianceTest, OffItIsThatOfTheSolution) {
   covariance_options_.enabled = false;
   Map map = optimizedMap();
-  MapCovariance covariance(options_, covariance_options_, map);
+  MapCovariance covariance(options_, covariance_options_, known_camera_, map);
   covariance.recover(1.0, &map);
   Frame frame;
   look(map, testing::roomView(1.0), &frame);
@@ -220,13 +277,15 @@ TEST_F(MapCovarianceTest, OffItIsThatOfTheSolution) {
 // Poses profit from what is recovered, but the map stays as it was.
 TEST_F(MapCovarianceTest, AMapThatDoesNotGrowStaysAsItIs) {
   Map map = optimizedMap();
-  MapCovariance covariance(options_, covariance_options_, map, /*grows=*/false);
+  MapCovariance covariance(options_, covariance_options_, known_camera_, map, /*grows=*/false);
   Frame frame;
   look(map, testing::roomView(1.0), &frame);
-  const double before_m2 = variance_m2(covariance.inWorld(frame.solution, frame.known));
+  const double before_m2 =
+      variance_m2(covariance.inWorld(frame.solution, frame.known, kCameraAsItIs));
   covariance.recover(1.0, &map);
   EXPECT_TRUE(map.markers().at(3).world_covariance.isZero(0.0));
-  EXPECT_GT(variance_m2(covariance.inWorld(frame.solution, frame.known)), 1.5 * before_m2);
+  EXPECT_GT(variance_m2(covariance.inWorld(frame.solution, frame.known, kCameraAsItIs)),
+            1.5 * before_m2);
 }
 
 // The largest ratio of two covariances in any direction.
@@ -239,7 +298,7 @@ double largestRatio(const Matrix6d& a, const Matrix6d& b) {
 
 TEST_F(MapCovarianceTest, FramesFromNearlyTheSamePlaceTakeWhatWasComputed) {
   Map map = optimizedMap();
-  MapCovariance covariance(options_, covariance_options_, map);
+  MapCovariance covariance(options_, covariance_options_, known_camera_, map);
   covariance.recover(1.0, &map);
   const Transform truth = testing::roomView(2.0);
   Frame first;
@@ -250,9 +309,9 @@ TEST_F(MapCovarianceTest, FramesFromNearlyTheSamePlaceTakeWhatWasComputed) {
   look(map, moved, &next);
   ASSERT_EQ(first.known.size(), next.known.size());
   EXPECT_EQ(covariance.follow(first.solution, first.known),
-            covariance.inWorld(first.solution, first.known));
+            covariance.inWorld(first.solution, first.known, kCameraAsItIs));
   const Matrix6d kept = covariance.follow(next.solution, next.known);
-  const Matrix6d exact = covariance.inWorld(next.solution, next.known);
+  const Matrix6d exact = covariance.inWorld(next.solution, next.known, kCameraAsItIs);
   EXPECT_NE(kept, exact);
   EXPECT_LT(largestRatio(kept, exact), 1.06);
   EXPECT_LT(largestRatio(exact, kept), 1.06);
@@ -260,7 +319,7 @@ TEST_F(MapCovarianceTest, FramesFromNearlyTheSamePlaceTakeWhatWasComputed) {
 
 TEST_F(MapCovarianceTest, ItIsComputedAnewWhereSomethingIsAnother) {
   Map map = optimizedMap();
-  MapCovariance covariance(options_, covariance_options_, map);
+  MapCovariance covariance(options_, covariance_options_, known_camera_, map);
   covariance.recover(1.0, &map);
   const Transform truth = testing::roomView(2.0);
   Frame first;
@@ -268,7 +327,7 @@ TEST_F(MapCovarianceTest, ItIsComputedAnewWhereSomethingIsAnother) {
   const auto isExact = [&](const Frame& frame) {
     (void)covariance.follow(first.solution, first.known);
     return covariance.follow(frame.solution, frame.known) ==
-           covariance.inWorld(frame.solution, frame.known);
+           covariance.inWorld(frame.solution, frame.known, kCameraAsItIs);
   };
   Frame same = first;
   same.solution.T_w_c.p.x() += 0.001;
@@ -294,7 +353,7 @@ TEST_F(MapCovarianceTest, ItIsComputedAnewWhereSomethingIsAnother) {
   (void)covariance.follow(first.solution, first.known);
   covariance.recover(1.0, &map);
   EXPECT_EQ(covariance.follow(same.solution, same.known),
-            covariance.inWorld(same.solution, same.known));
+            covariance.inWorld(same.solution, same.known, kCameraAsItIs));
 }
 
 // In a map that changes with each frame.
@@ -302,7 +361,7 @@ TEST_F(MapCovarianceTest, RestsAfterARecoveryButNotInANewWorld) {
   covariance_options_.cost_per_frame = 1e9;
   covariance_options_.rest = 4.0;
   Map map = optimizedMap();
-  MapCovariance covariance(options_, covariance_options_, map);
+  MapCovariance covariance(options_, covariance_options_, known_camera_, map);
   const auto work = [&] {
     covariance.noteChange();
     return covariance.work(1.0, &map);

@@ -27,6 +27,8 @@ constexpr double kLinearizeView = 0.6;
 constexpr double kBlockProduct = 0.06;
 constexpr double kAddBlock = 0.025;
 constexpr double kTakeBlock = 0.15;
+constexpr double kTakeStep = 0.02;
+constexpr double kLinearizeByCamera = 0.1;  // a view, by one parameter
 
 // Where nothing else says where a marker is, this does: standard deviations so large that they
 // show, and small enough to keep the system regular.
@@ -94,10 +96,12 @@ Task<Pattern> startPattern(const Map& map, const MarkerOptions& markers,
 
 // What is kept of it, if anything; what it sees goes to the pattern.
 PatternKeyframe lookAt(const Keyframe& keyframe, bool held, double residual_sigma,
-                       const KeptInformation& kept, Pattern* pattern) {
+                       const CameraUncertainty& camera, const KeptInformation& kept,
+                       Pattern* pattern) {
   PatternKeyframe result{keyframe.id, held, pattern->seen.size(), 0, kept.find(keyframe.id)};
   const MarkerLookup lookup = [&](int id) { return pattern->find(id); };
-  if (result.kept != nullptr && !isAsBefore(*result.kept, keyframe, held, residual_sigma, lookup)) {
+  if (result.kept != nullptr &&
+      !isAsBefore(*result.kept, keyframe, held, residual_sigma, camera, lookup)) {
     result.kept = nullptr;
   }
   const auto note = [&](const std::vector<int>& unknown) {
@@ -107,7 +111,7 @@ PatternKeyframe lookAt(const Keyframe& keyframe, bool held, double residual_sigm
   if (result.kept != nullptr) {
     note(result.kept->unknown);
   } else {
-    note(beginInformation(keyframe, held, residual_sigma, lookup).unknown);
+    note(beginInformation(keyframe, held, residual_sigma, camera, lookup).unknown);
   }
   return result;
 }
@@ -115,17 +119,19 @@ PatternKeyframe lookAt(const Keyframe& keyframe, bool held, double residual_sigm
 // Of a keyframe that nothing is kept of. Empty where it sees other markers by now than the pattern
 // was made for.
 std::optional<KeyframeInformation> informationOf(const Map& map, const PatternKeyframe& known,
-                                                 double residual_sigma, const Pattern& pattern) {
+                                                 double residual_sigma,
+                                                 const CameraUncertainty& camera,
+                                                 const Pattern& pattern) {
   const auto found = map.keyframes().find(known.id);
   if (found == map.keyframes().end()) return std::nullopt;  // has been let go meanwhile
   const MarkerLookup lookup = [&](int id) { return pattern.find(id); };
   KeyframeInformation information =
-      beginInformation(found->second, known.held, residual_sigma, lookup);
+      beginInformation(found->second, known.held, residual_sigma, camera, lookup);
   const auto poseOf = [&](int id) { return pattern.poseOf(id); };
   if (!std::ranges::equal(information.unknown, pattern.seenBy(known), {}, poseOf)) {
     return std::nullopt;
   }
-  linearize(map, found->second, lookup, &information);
+  linearize(map, found->second, camera, lookup, &information);
   return information;
 }
 
@@ -146,7 +152,40 @@ void addPriors(int id, const Transform& point, const Vector6d& moved, const Mark
   }
 }
 
+// What the camera's parameters add to the system: a right side for each, and what it comes to.
+class CameraSides {
+ public:
+  CameraSides(CameraUncertainty::Unknown unknown, std::size_t poses)
+      : parameters(unknown), sides_(poses * static_cast<std::size_t>(unknown.count)) {
+    std::ranges::fill(sides_, Vector6d::Zero());
+  }
+  // By parameter.
+  [[nodiscard]] std::span<Vector6d> of(int pose) {
+    const auto count = static_cast<std::size_t>(parameters.count);
+    return std::span(sides_).subspan(static_cast<std::size_t>(pose) * count, count);
+  }
+  [[nodiscard]] PoseGlobalMatrix matrixOf(int pose) {
+    PoseGlobalMatrix result = PoseGlobalMatrix::Zero();
+    int column = parameters.first;
+    for (const Vector6d& side : of(pose)) result.col(column++) = side;
+    return result;
+  }
+
+  const CameraUncertainty::Unknown parameters;
+
+ private:
+  std::vector<Vector6d> sides_;
+};
+
 // seen: the poses of the system that the information is of, in its order.
+void addKeyframe(const KeyframeInformation& information, std::span<const int> seen,
+                 CameraSides* by_camera) {
+  auto side = information.by_camera.begin();
+  for (const int pose : seen) {
+    for (Vector6d& sum : by_camera->of(pose)) sum += *side++;
+  }
+}
+
 void addKeyframe(const KeyframeInformation& information, std::span<const int> seen,
                  BlockSystem* system) {
   auto block = information.blocks.begin();
@@ -166,10 +205,27 @@ void addKeyframe(const KeyframeInformation& information, std::span<const int> se
   }
 }
 
+// The right sides of one parameter become what the poses move by, if it grows by 1. After solve().
+Task<bool> solveByCamera(int parameter, CameraSides* by_camera, BlockSystem* system,
+                         Budget* budget) {
+  const auto p = static_cast<std::size_t>(parameter);
+  for (int pose = 0; pose < system->poses(); ++pose) {
+    co_await budget->spend(kTakeStep);
+    system->right(system->positionOf(pose)) = by_camera->of(pose)[p];
+  }
+  if (!co_await system->solveAgain(budget)) co_return false;
+  for (int pose = 0; pose < system->poses(); ++pose) {
+    co_await budget->spend(kTakeStep);
+    by_camera->of(pose)[p] = system->right(system->positionOf(pose));
+  }
+  co_return true;
+}
+
 }  // namespace
 
 Task<MapMarginals> recoverMarginals(const Map& map, const MarkerOptions& markers,
-                                    double residual_sigma, Budget* budget, KeptInformation* kept) {
+                                    CameraUncertainty camera, double residual_sigma, Budget* budget,
+                                    KeptInformation* kept) {
   KeptInformation nothing(0);
   if (kept == nullptr) kept = &nothing;
   Pattern pattern = co_await startPattern(map, markers, &kept->points(), budget);
@@ -181,7 +237,8 @@ Task<MapMarginals> recoverMarginals(const Map& map, const MarkerOptions& markers
     kept->forgetBetween(next, id);
     next = id + 1;
     const bool held = first_is_world && it == map.keyframes().begin();
-    const PatternKeyframe keyframe = lookAt(it->second, held, residual_sigma, *kept, &pattern);
+    const PatternKeyframe keyframe =
+        lookAt(it->second, held, residual_sigma, camera, *kept, &pattern);
     const std::span<const int> seen = pattern.seenBy(keyframe);
     for (std::size_t i = 0; i < seen.size(); ++i) {
       auto& before = neighbours[static_cast<std::size_t>(seen[i])];
@@ -202,6 +259,7 @@ Task<MapMarginals> recoverMarginals(const Map& map, const MarkerOptions& markers
     pairs.push_back(of_one);
   }
 
+  CameraSides by_camera(camera.unknown(), pattern.unknown.size());
   BlockSystem system;
   (void)co_await system.arrange(std::move(neighbours), /*with_globals=*/false, budget);
   for (PatternKeyframe& known : pattern.keyframes) {
@@ -209,12 +267,15 @@ Task<MapMarginals> recoverMarginals(const Map& map, const MarkerOptions& markers
     co_await budget->spend(0.5 * kAddBlock * n * (n + 1.0));
     std::optional<KeyframeInformation> anew;
     if (known.kept == nullptr) {
-      co_await budget->spend((kFindMarker + kLinearizeView) * n + kBlockProduct * n * (n + 1.0));
-      anew = informationOf(map, known, residual_sigma, pattern);
+      co_await budget->spend((kFindMarker + kLinearizeView) * n + kBlockProduct * n * (n + 1.0) +
+                             kLinearizeByCamera * n * camera.unknown().count);
+      anew = informationOf(map, known, residual_sigma, camera, pattern);
       if (!anew) continue;
       known.kept = kept->keep(known.id, &*anew);
     }
-    addKeyframe(known.kept != nullptr ? *known.kept : *anew, pattern.seenBy(known), &system);
+    const KeyframeInformation& information = known.kept != nullptr ? *known.kept : *anew;
+    addKeyframe(information, pattern.seenBy(known), &system);
+    addKeyframe(information, pattern.seenBy(known), &by_camera);
   }
   const double variance = residual_sigma * residual_sigma;
   std::vector<Vector6d> moved(pattern.unknown.size(), Vector6d::Zero());
@@ -236,13 +297,24 @@ Task<MapMarginals> recoverMarginals(const Map& map, const MarkerOptions& markers
                   markers.origin_marker == id ? Matrix6d(Matrix6d::Zero()) : marker->covariance);
   }
   if (!co_await system.solve(budget)) co_return MapMarginals{};
+  std::vector<Vector6d> steps(pattern.unknown.size());
+  for (std::size_t a = 0; a < pattern.unknown.size(); ++a) {
+    co_await budget->spend(kTakeStep);
+    // From where the marker is, no longer from its point.
+    steps[a] = system.right(system.positionOf(static_cast<int>(a))) - moved[a];
+  }
+  for (int p = 0; p < by_camera.parameters.count; ++p) {
+    if (!co_await solveByCamera(p, &by_camera, &system, budget)) co_return MapMarginals{};
+  }
   (void)co_await system.invert(budget);
   for (std::size_t a = 0; a < pattern.unknown.size(); ++a) {
     co_await budget->spend(kSetMarker);
     const int row = system.positionOf(static_cast<int>(a));
-    Vector6d& step = system.right(row);
-    step -= moved[a];  // from where the marker is, no longer from its point
-    marginals.set(pattern.unknown[a], variance * system.diagonal(row) + step * step.transpose());
+    marginals.set(pattern.unknown[a],
+                  variance * system.diagonal(row) + steps[a] * steps[a].transpose());
+    if (by_camera.parameters.count > 0) {
+      marginals.setByCamera(pattern.unknown[a], by_camera.matrixOf(static_cast<int>(a)));
+    }
   }
   for (std::size_t b = 0; b < pairs.size(); ++b) {
     co_await budget->spend(kTakeBlock * static_cast<double>(pairs[b].size()));
@@ -252,9 +324,9 @@ Task<MapMarginals> recoverMarginals(const Map& map, const MarkerOptions& markers
       const Matrix6d& block =
           system.block(system.place(std::max(of_a, of_b), std::min(of_a, of_b)));
       const Matrix6d rows_of_a = of_a > of_b ? block : Matrix6d(block.transpose());
-      const Matrix6d steps = system.right(of_a) * system.right(of_b).transpose();
+      const Matrix6d of_steps = steps[static_cast<std::size_t>(a)] * steps[b].transpose();
       marginals.appendBetween(pattern.unknown[static_cast<std::size_t>(a)], pattern.unknown[b],
-                              variance * rows_of_a + steps);
+                              variance * rows_of_a + of_steps);
     }
   }
   co_return marginals;

@@ -8,9 +8,13 @@
 // best one, which is one Gauss-Newton step on the same equations, goes in squared. (After a loop
 // closure, and far from what was optimized last, that is the larger part.) Views of keyframes that
 // were let go are not counted, though the map has learned from them.
+//
+// Of a parameter of the camera that is not known there is one right side more: with it, the same
+// equations say where the markers would be.
 #pragma once
 
 #include "base/task.h"
+#include "slam/camera/camera_uncertainty.h"
 #include "slam/covariance/keyframe_information.h"
 #include "slam/covariance/marginals.h"
 #include "slam/map/map.h"
@@ -24,7 +28,7 @@ namespace waymark::slam {
 // be singular, the result is empty. kept: what earlier recoveries have linearized, used where
 // nothing has changed since, and brought up to date; it must outlive the task, too.
 Task<MapMarginals> recoverMarginals(const Map& map, const MarkerOptions& markers,
-                                    double residual_sigma, Budget* budget,
+                                    CameraUncertainty camera, double residual_sigma, Budget* budget,
                                     KeptInformation* kept = nullptr);
 
 }  // namespace waymark::slam

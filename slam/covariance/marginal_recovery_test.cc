@@ -7,6 +7,7 @@
 #include <Eigen/LU>
 #include <gtest/gtest.h>
 
+#include "slam/camera/undistort_map.h"
 #include "slam/optimization/map_optimizer.h"
 #include "slam/optimization/normal_equations.h"
 #include "slam/optimization/subproblem.h"
@@ -30,12 +31,23 @@ class MarginalRecoveryTest : public ::testing::Test {
                               kSigma_px, &rng_)) {}
 
   [[nodiscard]] MapMarginals recovered(double residual_sigma = 1.0) const {
-    return runToCompletion(
-        [&](Budget* a) { return recoverMarginals(map_, options_, residual_sigma, a); });
+    return runToCompletion([&](Budget* a) {
+      return recoverMarginals(map_, options_, uncertainty_, residual_sigma, a);
+    });
   }
 
   void optimize() {
     (void)optimizeGlobally(&map_, options_, {.max_iterations = 50, .min_relative_decrease = 1e-12});
+  }
+
+  // None is weighted down, and none left out.
+  void optimizeAllViews() {
+    (void)optimizeGlobally(&map_, options_,
+                           {.max_iterations = 50,
+                            .min_relative_decrease = 1e-14,
+                            .huber = 1e6,
+                            .estimate_residual_sigma = false,
+                            .view_chi2 = 0.0});
   }
 
   // Of all the normal equations at once, markers after cameras; what is fixed is not in them.
@@ -121,6 +133,7 @@ class MarginalRecoveryTest : public ::testing::Test {
   std::vector<testing::SyntheticMarker> markers_;
   Map map_;
   MarkerOptions options_;
+  CameraUncertainty uncertainty_{.camera = &camera_};
 };
 
 // How far the map is from its best goes in squared: here it is at the truth.
@@ -160,6 +173,46 @@ TEST_F(MarginalRecoveryTest, GrowsWithTheNoise) {
   EXPECT_LT((*twice.find(4) - 4.0 * *once.find(4)).norm(), 1e-3 * twice.find(4)->norm());
 }
 
+// A camera that turns and goes sideways, of which one parameter after the other is another one: the
+// map of the same images is where the marginals say.
+TEST_F(MarginalRecoveryTest, KnowsHowTheMapMovesWithTheCamera) {
+  map_ = testing::trueMap(camera_, testing::roomViews(0.0, 5.5, 24), markers_, kSize_m, 0.0, &rng_);
+  for (const auto& [id, keyframe] : map_.keyframes()) {
+    Twist twist;
+    twist << 0.3, 0.05 * static_cast<double>(id % 3), -0.1, 0.05, 0.4, 0.1;
+    map_.setKeyframeTwist(id, twist);
+  }
+  undistortAgain(camera_, 0.0, &map_);
+  optimizeAllViews();
+  GlobalVector step;
+  step << 0.02, 0.02, 0.02, 0.02, 1e-4, 1e-4, 1e-5, 1e-5, 1e-4, 1e-3;
+  uncertainty_.covariance = GlobalMatrix::Identity();
+  const MapMarginals marginals = recovered();
+  const Map before = map_;
+  for (int i = 0; i < BundleProblem::kGlobals; ++i) {
+    map_ = before;
+    IntrinsicVector intrinsics = camera_.intrinsics();
+    if (i < 9) intrinsics[i] += step[i];
+    undistortAgain(CameraModel(camera_.withIntrinsics(intrinsics)), i < 9 ? 0.0 : step[i], &map_);
+    optimizeAllViews();
+    for (const int id : {4, 12, 20}) {
+      const Vector6d moved = before.find(id)->T_w_m->localCoordinates(*map_.find(id)->T_w_m);
+      const Vector6d expected = step[i] * marginals.byCamera(id)->col(i);
+      EXPECT_GT(moved.norm(), 1e-5) << "parameter " << i << ", marker " << id;
+      EXPECT_LT((moved - expected).norm(), 0.05 * moved.norm())
+          << "parameter " << i << ", marker " << id;
+    }
+  }
+}
+
+TEST_F(MarginalRecoveryTest, OfAKnownCameraNothingMoves) {
+  EXPECT_EQ(recovered().byCamera(4), nullptr);
+  uncertainty_.covariance(9, 9) = 1e-4;  // only the readout time
+  const MapMarginals marginals = recovered();
+  ASSERT_NE(marginals.byCamera(4), nullptr);
+  EXPECT_TRUE(marginals.byCamera(4)->leftCols<9>().isZero(0.0));
+}
+
 TEST_F(MarginalRecoveryTest, KnowsWhatMarkersSeenTogetherHaveInCommon) {
   const MapMarginals marginals = recovered();
   ASSERT_TRUE(marginals.between(4, 5));
@@ -170,7 +223,7 @@ TEST_F(MarginalRecoveryTest, KnowsWhatMarkersSeenTogetherHaveInCommon) {
 TEST_F(MarginalRecoveryTest, SlicesChangeNothing) {
   const MapMarginals at_once = recovered();
   SlicedTask<MapMarginals> task(
-      [&](Budget* a) { return recoverMarginals(map_, options_, 1.0, a); });
+      [&](Budget* a) { return recoverMarginals(map_, options_, uncertainty_, 1.0, a); });
   int slices = 1;
   while (!task.advance(5.0)) ++slices;
   EXPECT_GT(slices, 5);
@@ -182,7 +235,7 @@ TEST_F(MarginalRecoveryTest, SlicesChangeNothing) {
 // Keyframes come and go, and views with them, while the work is under way.
 TEST_F(MarginalRecoveryTest, TheMapMayChangeMeanwhile) {
   SlicedTask<MapMarginals> task(
-      [&](Budget* a) { return recoverMarginals(map_, options_, 1.0, a); });
+      [&](Budget* a) { return recoverMarginals(map_, options_, uncertainty_, 1.0, a); });
   bool added = false;
   while (!task.advance(5.0)) {
     if (map_.keyframes().size() > 8 && map_.keyframes().rbegin()->first > 4) {
@@ -209,8 +262,8 @@ TEST_F(MarginalRecoveryTest, MarkersThatNobodySeesKeepWhatTheMapSays) {
   Map imported;
   imported.addMarker(1, kSize_m);
   imported.place(1, markers_[1].T_w_m, {}, 1e-4 * Matrix6d::Identity());
-  const MapMarginals marginals =
-      runToCompletion([&](Budget* a) { return recoverMarginals(imported, options_, 1.0, a); });
+  const MapMarginals marginals = runToCompletion(
+      [&](Budget* a) { return recoverMarginals(imported, options_, uncertainty_, 1.0, a); });
   ASSERT_NE(marginals.find(1), nullptr);
   EXPECT_EQ(*marginals.find(1), 1e-4 * Matrix6d::Identity());
   EXPECT_EQ(marginals.find(2), nullptr);
@@ -234,8 +287,9 @@ TEST_F(MarginalRecoveryTest, LinksCount) {
 class KeptInformationTest : public MarginalRecoveryTest {
  protected:
   MapMarginals recoveredWithKept(double residual_sigma = 1.0) {
-    return runToCompletion(
-        [&](Budget* a) { return recoverMarginals(map_, options_, residual_sigma, a, &kept_); });
+    return runToCompletion([&](Budget* a) {
+      return recoverMarginals(map_, options_, uncertainty_, residual_sigma, a, &kept_);
+    });
   }
 
   // Of a recovery: how many keyframes it linearizes.
@@ -421,8 +475,9 @@ TEST(LinkedMarkers, AreAsUncertainAsTheirLink) {
     (void)optimizeGlobally(
         &map, options,
         {.max_iterations = 50, .min_relative_decrease = 1e-12, .estimate_residual_sigma = false});
-    const MapMarginals marginals = runToCompletion(
-        [&](Budget* budget) { return recoverMarginals(map, options, 1.0, budget); });
+    const MapMarginals marginals = runToCompletion([&](Budget* budget) {
+      return recoverMarginals(map, options, CameraUncertainty{}, 1.0, budget);
+    });
     const Vector6d error = T_w_b.localCoordinates(*map.find(1)->T_w_m);
     nees += error.dot(marginals.find(1)->llt().solve(error)) / kRuns;
     ASSERT_NE(marginals.findBetween(0, 1), nullptr);

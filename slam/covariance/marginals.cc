@@ -22,6 +22,11 @@ const Matrix6d* MapMarginals::findBetween(int a, int b) const {
   return &between_[static_cast<std::size_t>(found - pairs_.begin())];
 }
 
+const PoseGlobalMatrix* MapMarginals::byCamera(int marker) const {
+  const auto found = by_camera_.find(marker);
+  return found == by_camera_.end() ? nullptr : &found->second;
+}
+
 std::optional<Matrix6d> MapMarginals::between(int a, int b) const {
   if (a == b) return own_.at(a);
   const Matrix6d* const block = findBetween(a, b);

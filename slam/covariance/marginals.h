@@ -1,5 +1,6 @@
 // How well the places of a map's markers are known in its world: marginal covariances, and those
-// between markers that are seen together.
+// between markers that are seen together, the camera as it is; and how they move with the camera's
+// parameters.
 #pragma once
 
 #include <map>
@@ -9,6 +10,7 @@
 #include <vector>
 
 #include "slam/geometry/transform.h"
+#include "slam/optimization/bundle_problem.h"
 
 namespace waymark::slam {
 
@@ -30,7 +32,14 @@ class MapMarginals {
   // All of them, by id.
   [[nodiscard]] const std::map<int, Matrix6d>& markers() const { return own_; }
 
+  // d (dp, dtheta) / d parameters of the camera (CameraUncertainty) of a marker whose views are
+  // those of a camera with other parameters; null where nobody knows.
+  [[nodiscard]] const PoseGlobalMatrix* byCamera(int marker) const;
+
   void set(int marker, const Matrix6d& covariance) { own_[marker] = covariance; }
+  void setByCamera(int marker, const PoseGlobalMatrix& by_camera) {
+    by_camera_[marker] = by_camera;
+  }
   // Preconditions: set() has given both; a < b; pairs come in the order of b, then of a.
   void appendBetween(int a, int b, const Matrix6d& covariance) {
     pairs_.push_back({b, a});
@@ -39,6 +48,7 @@ class MapMarginals {
 
  private:
   std::map<int, Matrix6d> own_;
+  std::map<int, PoseGlobalMatrix> by_camera_;
   std::vector<std::pair<int, int>> pairs_;  // the larger id first, ascending
   std::vector<Matrix6d> between_;           // as pairs_; rows of the smaller id
 };

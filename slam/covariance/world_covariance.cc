@@ -51,10 +51,16 @@ Blocks chooseOfMap(const Voices& voices, const MapMarginals& marginals,
   return blocks;
 }
 
+// What the map's errors add to the right side of the pose's normal equations.
+struct MapSpread {
+  Matrix6d covariance;
+  PoseGlobalMatrix by_camera = PoseGlobalMatrix::Zero();
+};
+
 // sum_ij G_i E[delta_i delta_j^T] G_j^T of the chosen ones; the others hang on the first of them.
 // Empty where the marginals know none.
-std::optional<Matrix6d> spreadOfMap(const Voices& voices, const MapMarginals& marginals,
-                                    std::pmr::memory_resource* memory) {
+std::optional<MapSpread> spreadOfMap(const Voices& voices, const MapMarginals& marginals,
+                                     std::pmr::memory_resource* memory) {
   const Blocks blocks = chooseOfMap(voices, marginals, memory);
   const auto found = std::ranges::find_if(voices, &Voice::of_map);
   if (found == voices.end()) return std::nullopt;
@@ -63,6 +69,7 @@ std::optional<Matrix6d> spreadOfMap(const Voices& voices, const MapMarginals& ma
     if (voice->of_map) continue;
     leader.gain += voice->gain * rigidTransport(voice->marker->T_w_m.p - leader.marker->T_w_m.p);
   }
+  MapSpread spread;
   // The sum is X + X^T; one product for each pair, and one for each row.
   Matrix6d X = Matrix6d::Zero();
   Matrix6d row;
@@ -83,13 +90,21 @@ std::optional<Matrix6d> spreadOfMap(const Voices& voices, const MapMarginals& ma
     const Matrix6d half_of_own = 0.5 * **block++;
     row.noalias() += a->gain * half_of_own;
     X.noalias() += row * a->gain.transpose();
+    const PoseGlobalMatrix* const by_camera = marginals.byCamera(a->id());
+    if (by_camera != nullptr) spread.by_camera.noalias() += a->gain * *by_camera;
   }
-  return Matrix6d(X + X.transpose());
+  spread.covariance = X + X.transpose();
+  return spread;
 }
 
 bool isSame(double then, double now) { return std::abs(now - then) <= kSameVariance * then; }
 
 }  // namespace
+
+PlaceDoubt PlaceDoubt::at(const Eigen::Vector3d& point_w) const {
+  const Matrix6d T = rigidTransport(point_w - p_w);
+  return {point_w, T * covariance * T.transpose(), T * by_camera};
+}
 
 std::optional<WorldCovariance> worldCovariance(const PoseSolution& solution,
                                                std::span<const KnownMarker> markers,
@@ -127,11 +142,11 @@ std::optional<WorldCovariance> worldCovariance(const PoseSolution& solution,
   for (Voice& voice : voices) in_order.push_back(&voice);
   std::ranges::sort(in_order, std::ranges::greater{}, &Voice::information);
   if (const auto spread = spreadOfMap(in_order, marginals, arena.get())) {
-    result.doubt = PlaceDoubt{solution.T_w_c.p, atCamera(*spread)};
+    result.doubt =
+        PlaceDoubt{solution.T_w_c.p, atCamera(spread->covariance), *H_inverse * spread->by_camera};
     result.of_map = result.doubt->covariance;
   } else {
-    const Matrix6d T = rigidTransport(solution.T_w_c.p - otherwise.p_w);
-    result.of_map = T * otherwise.covariance * T.transpose();
+    result.of_map = otherwise.at(solution.T_w_c.p).covariance;
   }
   result.of_corners = atCamera(noise);
   if (!std::ranges::all_of(voices, &Voice::of_map)) {
@@ -189,9 +204,13 @@ std::optional<WorldCovariance> KeptPoseCovariance::find(
     return std::nullopt;
   }
   WorldCovariance here = *kept_;
-  const Matrix6d T = rigidTransport(T_w_c.p - T_w_c_.p);
-  here.of_map = T * here.of_map * T.transpose();
-  if (here.doubt) here.doubt = PlaceDoubt{T_w_c.p, here.of_map};
+  if (here.doubt) {
+    here.doubt = here.doubt->at(T_w_c.p);
+    here.of_map = here.doubt->covariance;
+  } else {
+    const Matrix6d T = rigidTransport(T_w_c.p - T_w_c_.p);
+    here.of_map = T * here.of_map * T.transpose();
+  }
   here.covariance =
       here.of_map + here.of_new_markers + solution.residual_variance * here.of_corners;
   return here;

@@ -16,8 +16,14 @@ namespace waymark::slam {
 struct PlaceDoubt {
   Eigen::Vector3d p_w = Eigen::Vector3d::Zero();  // metres
   Matrix6d covariance = Matrix6d::Zero();         // of (dp, dtheta) there: metres, radians
+  // How it moves with the camera's parameters; what is not known of these is not in `covariance`.
+  PoseGlobalMatrix by_camera = PoseGlobalMatrix::Zero();
+
+  // The same of another point of that body.
+  [[nodiscard]] PlaceDoubt at(const Eigen::Vector3d& point_w) const;
 };
 
+// The camera is taken as it is.
 struct WorldCovariance {
   Matrix6d covariance = Matrix6d::Zero();  // of (dp, dtheta) of T_w_c: metres, radians, world frame
   // What it is made of: of the corners, where the residuals' variance is 1; of markers that the

@@ -14,26 +14,27 @@ Transform MapUpdater::begin(const Start& start, Map* map) {
 
 // The first keyframes came before any motion was known: what the next frame shows of it is theirs.
 // Else a rolling shutter's corners stay as they were seen in what is to be the world.
-void MapUpdater::tellStartItsMotion(const TrackedFrame& frame, Map* map) {
+bool MapUpdater::tellStartItsMotion(const TrackedFrame& frame, Map* map) {
   constexpr std::int64_t kLater_ns = 200'000'000;  // the motion is another one by then
-  if (!std::exchange(start_moves_, false)) return;
+  if (!std::exchange(start_moves_, false)) return false;
   for (const auto& [id, keyframe] : map->keyframes()) {
     if (frame.time.monotonic_ns - keyframe.monotonic_ns > kLater_ns) continue;
     map->setKeyframeTwist(id, frame.twist);
   }
+  return true;
 }
 
 MapGrowth MapUpdater::grow(const TrackedFrame& frame, Map* map) {
   MapGrowth growth;
   gaps_.leave();
   fitting_.assign(frame.fitting.begin(), frame.fitting.end());
-  tellStartItsMotion(frame, map);
+  growth.map_changed = tellStartItsMotion(frame, map);
   const LoopJunction junction = loops_.closeOrJoin(*map, residualSigma(), frame, fitting_);
   if (junction.joins) {
     fitting_.insert(fitting_.end(), junction.joined.begin(), junction.joined.end());
     sortById(&fitting_);
   }
-  growth.map_changed = screenMarkers(frame, map);
+  growth.map_changed = screenMarkers(frame, map) || growth.map_changed;
   growth.map_changed = mapper_.catchUp(map, counters_) || growth.map_changed;
   const Transform& T_w_c = frame.solution.T_w_c;
   // From one of a single marker's two poses, undecided, the map would learn either.

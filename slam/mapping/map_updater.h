@@ -110,7 +110,7 @@ class MapUpdater {
   [[nodiscard]] bool shutterIdle(const Map& map) const {
     return !asksShutter() || rolling_shutter_->idle(map);
   }
-  void tellStartItsMotion(const TrackedFrame& frame, Map* map);
+  bool tellStartItsMotion(const TrackedFrame& frame, Map* map);
   [[nodiscard]] bool screenMarkers(const TrackedFrame& frame, Map* map);
 
   MapUpdaterOptions options_;

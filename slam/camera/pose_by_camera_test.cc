@@ -1,4 +1,4 @@
-#include "slam/camera/camera_share.h"
+#include "slam/camera/pose_by_camera.h"
 
 #include <random>
 #include <vector>
@@ -13,7 +13,7 @@ namespace {
 
 constexpr double kSize = 0.15;
 
-class CameraShareTest : public ::testing::Test {
+class PoseByCameraTest : public ::testing::Test {
  protected:
   // The pose as the wall shows it through another lens than the one that took it.
   PoseSolution solved(const CameraModel& lens) {
@@ -37,56 +37,68 @@ class CameraShareTest : public ::testing::Test {
   std::vector<MarkerDetection> seen_ =
       testing::observeAll(truth_, T_w_c_, markers_, kSize, 0.0, &rng_);
   std::vector<KnownMarker> known_;
+  CameraUncertainty uncertain_{.camera = &truth_};
 };
 
-// Each of the intrinsics moved a little: the pose moves as the covariance of that alone says.
-TEST_F(CameraShareTest, OfTheLensIsHowThePoseMovesWithIt) {
+// Each of the intrinsics moved a little.
+TEST_F(PoseByCameraTest, OfTheLens) {
   ASSERT_GE(seen_.size(), 4U);
   const PoseSolution straight = solved(truth_);
+  uncertain_.covariance.topLeftCorner<9, 9>().setIdentity();
+  const PoseGlobalMatrix by_camera = poseByCamera(straight, known_, uncertain_, Twist::Ones(), 0);
+  EXPECT_TRUE(by_camera.col(9).isZero(0.0)) << "a known readout time";
   IntrinsicVector step;
   step << 0.1, 0.1, 0.1, 0.1, 1e-3, 1e-3, 1e-4, 1e-4, 1e-3;
   for (Eigen::Index i = 0; i < 9; ++i) {
     IntrinsicVector by = IntrinsicVector::Zero();
     by[i] = step[i];
     const Vector6d shift = straight.T_w_c.localCoordinates(solved(moved(by)).T_w_c);
-    (void)solved(truth_);
-    IntrinsicMatrix covariance = IntrinsicMatrix::Zero();
-    covariance(i, i) = step[i] * step[i];
-    const Matrix6d share = lensShare(straight, known_, truth_, covariance);
-    EXPECT_LT((share - shift * shift.transpose()).norm(), 0.05 * share.norm()) << i;
+    EXPECT_GT(shift.norm(), 1e-6) << i;
+    EXPECT_LT((step[i] * by_camera.col(i) - shift).norm(), 0.03 * shift.norm()) << i;
   }
 }
 
-TEST_F(CameraShareTest, AKnownLensHasNone) {
+// Before the lens was changed, it was another one, of which these parameters say nothing.
+TEST_F(PoseByCameraTest, NotOfFramesBeforeTheLensChanged) {
   const PoseSolution straight = solved(truth_);
-  EXPECT_TRUE(lensShare(straight, known_, truth_, IntrinsicMatrix::Zero()).isZero());
+  uncertain_.covariance.setIdentity();
+  uncertain_.since_ns = 100;
+  const PoseGlobalMatrix before = poseByCamera(straight, known_, uncertain_, Twist::Ones(), 99);
+  EXPECT_TRUE(before.leftCols<9>().isZero(0.0));
+  EXPECT_FALSE(before.col(9).isZero(0.0));
+  const PoseGlobalMatrix since = poseByCamera(straight, known_, uncertain_, Twist::Ones(), 100);
+  EXPECT_FALSE(since.leftCols<9>().isZero(0.0));
 }
 
-// Seen through a shutter that takes as long as it might: the pose moves as the share says.
-TEST_F(CameraShareTest, OfTheReadoutIsHowThePoseMovesWithIt) {
-  constexpr double kSigma_s = 0.002;
+// Seen through a shutter that takes a little longer.
+TEST_F(PoseByCameraTest, OfTheReadoutTime) {
+  constexpr double kLonger_s = 0.002;
   Twist twist;
   twist << 0.4, -0.3, 0.2, 0.1, 0.3, -0.2;
   const PoseSolution straight = solved(truth_);
-  const Matrix6d share = readoutShare(straight, known_, truth_, twist, kSigma_s);
+  uncertain_.covariance(9, 9) = 1.0;
+  const PoseGlobalMatrix by_camera = poseByCamera(straight, known_, uncertain_, twist, 0);
+  EXPECT_TRUE(by_camera.leftCols<9>().isZero(0.0)) << "a known lens";
   for (MarkerDetection& detection : seen_) {
     const auto depth_m =
         depthFromPose(T_w_c_, markers_[static_cast<std::size_t>(detection.id)].T_w_m, kSize);
     ASSERT_TRUE(depth_m);
-    detection = atMidFrame(detection, truth_, twist, *depth_m, kSigma_s);
+    detection = atMidFrame(detection, truth_, twist, *depth_m, kLonger_s);
   }
   known_ = testing::knownFrom(seen_, markers_, kSize);
   const auto moved = PoseOptimizer(truth_.focalLength(), kAll).optimize(known_, T_w_c_);
   ASSERT_TRUE(moved);
   const Vector6d shift = straight.T_w_c.localCoordinates(moved->T_w_c);
   EXPECT_GT(shift.norm(), 1e-4);
-  EXPECT_LT((share - shift * shift.transpose()).norm(), 0.05 * share.norm());
+  EXPECT_LT((kLonger_s * by_camera.col(9) - shift).norm(), 0.03 * shift.norm());
 }
 
-TEST_F(CameraShareTest, AKnownReadoutAndACameraAtRestHaveNone) {
+TEST_F(PoseByCameraTest, AKnownCameraMovesNothing) {
   const PoseSolution straight = solved(truth_);
-  EXPECT_TRUE(readoutShare(straight, known_, truth_, Twist::Ones(), 0.0).isZero());
-  EXPECT_TRUE(readoutShare(straight, known_, truth_, Twist::Zero(), 0.01).isZero());
+  EXPECT_TRUE(poseByCamera(straight, known_, uncertain_, Twist::Ones(), 0).isZero(0.0));
+  uncertain_.covariance(9, 9) = 1.0;
+  EXPECT_TRUE(poseByCamera(straight, known_, uncertain_, Twist::Zero(), 0).isZero(0.0))
+      << "nor does a shutter that reads a camera at rest";
 }
 
 }  // namespace
