@@ -129,7 +129,7 @@ std::optional<Daemon::Failure> Daemon::run() {
   if (!parts_.start.not_writable.empty()) maps_.noteNotWritable(parts_.start.not_writable);
   startThreads();
   service_.ready();
-  stop_.wait();
+  parts_.stop.wait();
   service_.stopping();
   // Opening a source cannot be interrupted, and nothing has begun that would need an end.
   if (camera_status_.firstOpening()) {
@@ -159,7 +159,7 @@ void Daemon::startThreads() {
   }
   publisher_thread_ = start("wm-publisher", realtime.publisher, [this] {
     publisher_.run();
-    stop_.finish();
+    parts_.stop.finish();
   });
   slam_thread_ = start("wm-slam", realtime.slam, [this] { slam_loop_.run(); });
   capture_thread_ = start("wm-capture", realtime.capture, [this] { capture_loop_.run(); });

@@ -54,6 +54,9 @@ namespace waymark::daemon {
 
 // What is checked before anything starts. Whatever is wrong with it is an error here.
 struct DaemonParts {
+  // Before all that others can see of a daemon, so that it ends as it should from then on; and
+  // before its threads, which inherit what it blocks.
+  StopSignal stop;
   std::filesystem::path configuration_file;
   Configuration configuration;
   CameraSetup camera;
@@ -99,7 +102,6 @@ class Daemon {
   DaemonParts parts_;
   Log& log_;
   const ReloadSignal& reload_signal_;
-  StopSignal stop_;  // before threads start: they inherit what it blocks
 
   CameraStatus camera_status_;
   FrameQueue frames_;

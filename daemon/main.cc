@@ -19,6 +19,7 @@
 #include "daemon/control/control_server.h"
 #include "daemon/control/reload_signal.h"
 #include "daemon/control/socket_place.h"
+#include "daemon/control/stop_signal.h"
 #include "daemon/daemon.h"
 #include "daemon/frames/camera_setup.h"
 #include "daemon/maps/map_keeper.h"
@@ -101,11 +102,13 @@ Result<std::optional<DaemonParts>> prepare(const fs::path& file, Configuration c
     std::fputs(describe(file, configuration, *camera).c_str(), stdout);
     return std::optional<DaemonParts>();
   }
+  StopSignal stop;
   std::unique_ptr<Recorder> recorder =
       makeRecorder(configuration, file, camera->calibration, *start, *natural, log);
   Result<std::unique_ptr<ControlServer>> control = openControl(socket, log);
   if (!control) return control.error();
-  return std::optional(DaemonParts{.configuration_file = file,
+  return std::optional(DaemonParts{.stop = std::move(stop),
+                                   .configuration_file = file,
                                    .configuration = std::move(configuration),
                                    .camera = std::move(camera).value(),
                                    .start = std::move(start).value(),

@@ -19,8 +19,10 @@ struct LensPrior {
   // Of the focal length, as a share of it. An autofocus, or another copy of the same camera, is
   // some percent off; larger lets a lens that is nearly known wander where the markers say little.
   double focal_share = 0.05;
-  // Of the ratio of fx and fy: pixels are squares.
-  double aspect_share = 2e-4;
+  // Of the ratio of fx and fy. Pixels are squares, but images that were scaled to a round size, and
+  // lenses, leave some thousandths of it; tighter turns these into a wrong focal length that looks
+  // certain, larger lets a few frontal views squeeze the image.
+  double aspect_share = 2e-3;
   // Of the centre, as a share of the image's width. Lenses sit some 1 to 2 % off.
   double centre_share = 0.015;
   // Of the first radial coefficient, and of each further one. Nothing limits the first one much;

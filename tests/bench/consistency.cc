@@ -16,6 +16,7 @@
 #include "base/image_view.h"
 #include "simulator/observed_corners.h"
 #include "simulator/simulation.h"
+#include "slam/camera/lens_start.h"
 #include "slam/slam.h"
 #include "tests/bench/command_line.h"
 #include "tools/exit_code.h"
@@ -32,7 +33,8 @@ struct Arguments {
   double duration_s = 0.0;  // 0: the scene's
   // What a frame may spend on the map's covariance, units; 0: none is kept.
   double covariance_cost = slam::MapCovarianceOptions{}.cost_per_frame;
-  bool images = false;  // rendered and detected, instead of corners of known noise
+  bool images = false;     // rendered and detected, instead of corners of known noise
+  bool calibrated = true;  // else the lens is learned from the markers
 };
 
 // A scene of the simulator, or walls with what can go wrong there, as scripts/evaluate has it.
@@ -153,7 +155,12 @@ Status runOnce(const Arguments& arguments, std::uint64_t seed, SceneReport* repo
   options.covariance.enabled = arguments.covariance_cost > 0.0;
   options.covariance.cost_per_frame = arguments.covariance_cost;
   if (!arguments.images) options.covariance.repeated_share = 0.0;  // each view's noise is its own
-  slam::Slam slam(camera, *slam::Dictionary::byName(asked.dictionary), options);
+  if (!arguments.calibrated) options.lens.takeForGuess(false);
+  const slam::CameraModel given =
+      arguments.calibrated
+          ? camera
+          : slam::guessedCamera(camera.width(), camera.height(), std::nullopt, options.lens.start);
+  slam::Slam slam(given, *slam::Dictionary::byName(asked.dictionary), options);
   Source source(simulation, camera, arguments, seed);
 
   std::optional<slam::Transform> T_w_scene;
@@ -261,6 +268,7 @@ int main(int argc, char** argv) {
       ->capture_default_str()
       ->check(CLI::NonNegativeNumber);
   app.add_flag("--images", arguments.images, "Rendered images instead of corners");
+  app.add_flag("!--no-calibration", arguments.calibrated, "The lens is learned from the markers");
   app.add_option("--duration", arguments.duration_s, "Seconds; without it the scene's")
       ->check(CLI::PositiveNumber);
   if (const auto exit_code = bench::parse(app, argc, argv)) return *exit_code;
