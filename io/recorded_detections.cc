@@ -148,24 +148,35 @@ std::string formatDetection(std::int64_t time_ns, const slam::MarkerDetection& d
   return line + "\n";
 }
 
+// 0 for none.
+double reachOf(std::vector<double> coordinates) {
+  if (coordinates.empty()) return 0.0;
+  constexpr std::size_t kOneBeyondOf = 200;
+  const std::size_t beyond = coordinates.size() / kOneBeyondOf;
+  const auto reach = coordinates.end() - 1 - static_cast<std::ptrdiff_t>(beyond);
+  std::ranges::nth_element(coordinates, reach);
+  return std::max(*reach, 0.0);
+}
+
 }  // namespace
 
 Result<ImageExtent> readImageExtent(const fs::path& path) {
   const Result<std::string> text = readTextFile(path);
   if (!text) return text.error();
-  ImageExtent extent;
+  std::vector<double> x;
+  std::vector<double> y;
   const Status read = forEachLine(*text, path, [&](std::string_view fields) -> std::string {
     std::string fault;
     const std::optional<Line> line = parseDetection(fields, &fault);
     if (!line) return fault;
     for (const Eigen::Vector2d& corner : line->detection.pixels) {
-      extent.right_px = std::max(extent.right_px, corner.x());
-      extent.bottom_px = std::max(extent.bottom_px, corner.y());
+      x.push_back(corner.x());
+      y.push_back(corner.y());
     }
     return {};
   });
   if (!read) return read.error();
-  return extent;
+  return ImageExtent{reachOf(std::move(x)), reachOf(std::move(y))};
 }
 
 Result<RecordedDetections> readRecordedDetections(const fs::path& path,

@@ -46,7 +46,8 @@ struct RecordedDetections {
     const std::filesystem::path& path, const slam::CameraModel& camera,
     const RecordedDetectionsOptions& options = {});
 
-// How far the corners of such a file reach, pixels.
+// How far the corners of such a file reach, pixels: all but one in 200, as detectors put a corner
+// where the sides meet, and that may be some way outside the image.
 struct ImageExtent {
   double right_px = 0.0;
   double bottom_px = 0.0;

@@ -164,6 +164,31 @@ TEST(RecordedDetections, FaultsNameTheLine) {
   }
 }
 
+// Where two sides meet, a corner may be outside the image: one of very many does not make it
+// larger.
+TEST(RecordedDetections, AFewCornersBeyondTheImageDoNotMakeItLarger) {
+  const TemporaryDirectory directory;
+  std::string text;
+  for (int i = 0; i < 100; ++i) {
+    text += std::to_string(i) + ",4,0,600,470,610,470,610,460,600,460\n";
+  }
+  const auto extentOf = [&](const std::string& detections) {
+    EXPECT_TRUE(writeTextFile(directory / "detections.csv", detections).ok());
+    return readImageExtent(directory / "detections.csv");
+  };
+  auto extent = extentOf(text);
+  ASSERT_TRUE(extent);
+  EXPECT_EQ(extent->right_px, 610.0);
+  EXPECT_EQ(extent->bottom_px, 470.0);
+  extent = extentOf(text + "100,4,0,630,483,652,470,650,460,640,460\n");
+  ASSERT_TRUE(extent);
+  EXPECT_LT(extent->right_px, 650.0);
+  EXPECT_EQ(extent->bottom_px, 470.0);
+  extent = extentOf("100,4,0,630,483,652,470,650,460,640,460\n");
+  ASSERT_TRUE(extent);
+  EXPECT_EQ(extent->right_px, 652.0) << "of so few, all are as good";
+}
+
 TEST(RecordedDetections, RealRecordingsRead) {
   const char* data = std::getenv("WAYMARK_SHARED_DATA");
   if (data == nullptr || !std::filesystem::exists(data)) GTEST_SKIP() << "no real recordings here";

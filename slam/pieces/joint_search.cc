@@ -11,7 +11,6 @@ namespace {
 // Units for both poses that a marker proposes, and for each marker they are compared with.
 constexpr double kProposal = 30.0;
 constexpr double kCompared = 8.0;
-constexpr std::size_t kProposing = 3;  // of as many at most, see viewJoint()
 
 using Frames = std::set<std::pair<int, KeyframeId>>;
 

@@ -50,8 +50,6 @@ std::vector<PlaceInPiece> placesIn(std::span<const KnownMarker> markers, const J
   std::vector<PlaceInPiece> found;
   if (markers.empty()) return found;
   const double share = chi2Share(markers, parts);
-  // A few propose, those seen best; all decide.
-  constexpr std::size_t kProposing = 3;
   std::vector<KnownMarker> proposing(markers.begin(), markers.end());
   std::ranges::sort(proposing, {},
                     [](const KnownMarker& marker) { return cornerVariance(*marker.detection); });

@@ -16,6 +16,9 @@
 
 namespace waymark::slam {
 
+// So many of a view's markers, those seen best, propose where a camera is in a piece; all decide.
+inline constexpr std::size_t kProposing = 3;
+
 // What one frame says.
 struct JointView {
   struct Way {
