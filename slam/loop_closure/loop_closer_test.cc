@@ -172,6 +172,56 @@ TEST_F(LoopCloserTest, WhatCameMeanwhileMovesWithTheClosingFrame) {
   EXPECT_FALSE(adopt(std::get<ClosedLoop>(outcome), {}, &map)) << "it has been";
 }
 
+// The frame that closes the loop was worth a keyframe by itself, without the loop's markers.
+TEST_F(LoopCloserTest, TheClosingFrameIsNoSecondKeyframeWhereItIsOneAlready) {
+  Map map = openMap(24, 0.05);
+  testing::bend(drift_, &map);
+  LoopFrame loop = loopFrame(map, see(testing::roomView(345.0 * kDegree), 0.05));
+  loop.frame.sequence = 34;
+  loop.frame.monotonic_ns = 1'000;
+  const LoopOutcome outcome = close(map, loop);
+  ASSERT_TRUE(std::holds_alternative<ClosedLoop>(outcome));
+  Keyframe itself = loop.frame;
+  itself.detections.change([&](auto* detections) {
+    std::erase_if(*detections, [&](const MarkerDetection& d) {
+      return std::ranges::find(loop.loop_markers, d.id) != loop.loop_markers.end();
+    });
+  });
+  ASSERT_LT(itself.detections.size(), loop.frame.detections.size());
+  Keyframe later = itself;
+  later.detections = loop.frame.detections;
+  later.sequence = 35;
+  const KeyframeId known = map.addKeyframe(itself);
+  (void)map.addKeyframe(later);
+  const std::size_t keyframes = map.keyframes().size();
+  const auto adopted = adopt(std::get<ClosedLoop>(outcome), {}, &map);
+  ASSERT_TRUE(adopted);
+  EXPECT_EQ(adopted->closing, known);
+  EXPECT_FALSE(adopted->added);
+  EXPECT_EQ(map.keyframes().size(), keyframes);
+  EXPECT_LT((map.keyframes().at(known).T_w_c.p - testing::roomView(345.0 * kDegree).p).norm(),
+            0.01);
+  for (const MarkerDetection& seen : loop.frame.detections) {
+    ASSERT_NE(map.keyframes().at(known).find(seen.id), nullptr);
+    EXPECT_EQ(std::ranges::count(map.viewsOf(seen.id), known), 1) << "and once";
+  }
+}
+
+// Frames without times and sequences: another one has seen other corners.
+TEST_F(LoopCloserTest, AnotherFrameOfTheSameTimeIsNotTheClosingFrame) {
+  Map map = openMap(24, 0.05);
+  testing::bend(drift_, &map);
+  const LoopFrame loop = loopFrame(map, see(testing::roomView(345.0 * kDegree), 0.05));
+  const LoopOutcome outcome = close(map, loop);
+  Keyframe other = loop.frame;
+  other.detections = see(testing::roomView(345.0 * kDegree), 0.05);
+  const KeyframeId id = map.addKeyframe(other);
+  const auto adopted = adopt(std::get<ClosedLoop>(outcome), {}, &map);
+  ASSERT_TRUE(adopted);
+  EXPECT_TRUE(adopted->added);
+  EXPECT_NE(adopted->closing, id);
+}
+
 // What came since hangs between what moved much and what moved little, and follows both.
 TEST_F(LoopCloserTest, WhatCameMeanwhileMovesAsWhatItSees) {
   Map map = openMap(24, 0.05);
@@ -194,6 +244,7 @@ TEST_F(LoopCloserTest, WhatCameMeanwhileMovesAsWhatItSees) {
   const Transform T_w_late = map.keyframes().at(newest).T_w_c;
   Keyframe late = map.keyframes().at(newest);
   late.id = -1;
+  ++late.sequence;  // another frame
   late.detections = {{seen[0], seen[1]}};
   const KeyframeId with_both = map.addKeyframe(late);
   late.detections = {{seen[1]}};
