@@ -233,7 +233,8 @@ TEST_F(ViewPageTest, ResultsAndRecordingsAreShownWithATimeLine) {
   EXPECT_EQ(view_->wait(milliseconds(5000)), 0);
 
   start(configuration("", "[record]\ndirectory = 'logs'\n"));
-  std::this_thread::sleep_for(milliseconds(3000));
+  // A busy computer takes longer for as many.
+  EXPECT_TRUE(eventually([&] { return counter("published.poses") >= 150; }));
   daemon_->signal(SIGTERM);
   EXPECT_EQ(daemon_->wait(milliseconds(20'000)), 0);
   const fs::path log = *fs::directory_iterator(directory_ / "logs");
