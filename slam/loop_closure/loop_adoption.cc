@@ -127,9 +127,10 @@ bool isSameFrame(const Keyframe& a, const Keyframe& b) {
   });
 }
 
-// The closing frame may have become a keyframe by itself, without the loop's markers.
+// The closing frame may have become a keyframe by itself, without the loop's markers: in the frame
+// that the closing began with, and so before the closing looked at the map, or after that.
 std::optional<KeyframeId> keyframeOf(const Keyframe& frame, KeyframeId newest, const Map& map) {
-  for (auto it = map.keyframes().upper_bound(newest); it != map.keyframes().end(); ++it) {
+  for (auto it = map.keyframes().lower_bound(newest); it != map.keyframes().end(); ++it) {
     if (isSameFrame(frame, it->second)) return it->first;
   }
   return std::nullopt;

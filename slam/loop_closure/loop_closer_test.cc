@@ -174,36 +174,39 @@ TEST_F(LoopCloserTest, WhatCameMeanwhileMovesWithTheClosingFrame) {
 
 // The frame that closes the loop was worth a keyframe by itself, without the loop's markers.
 TEST_F(LoopCloserTest, TheClosingFrameIsNoSecondKeyframeWhereItIsOneAlready) {
-  Map map = openMap(24, 0.05);
-  testing::bend(drift_, &map);
-  LoopFrame loop = loopFrame(map, see(testing::roomView(345.0 * kDegree), 0.05));
-  loop.frame.sequence = 34;
-  loop.frame.monotonic_ns = 1'000;
-  const LoopOutcome outcome = close(map, loop);
-  ASSERT_TRUE(std::holds_alternative<ClosedLoop>(outcome));
-  Keyframe itself = loop.frame;
-  itself.detections.change([&](auto* detections) {
-    std::erase_if(*detections, [&](const MarkerDetection& d) {
-      return std::ranges::find(loop.loop_markers, d.id) != loop.loop_markers.end();
+  for (const bool before_closing : {true, false}) {
+    Map map = openMap(24, 0.05);
+    testing::bend(drift_, &map);
+    LoopFrame loop = loopFrame(map, see(testing::roomView(345.0 * kDegree), 0.05));
+    loop.frame.sequence = 34;
+    loop.frame.monotonic_ns = 1'000;
+    Keyframe itself = loop.frame;
+    itself.detections.change([&](auto* detections) {
+      std::erase_if(*detections, [&](const MarkerDetection& d) {
+        return std::ranges::find(loop.loop_markers, d.id) != loop.loop_markers.end();
+      });
     });
-  });
-  ASSERT_LT(itself.detections.size(), loop.frame.detections.size());
-  Keyframe later = itself;
-  later.detections = loop.frame.detections;
-  later.sequence = 35;
-  const KeyframeId known = map.addKeyframe(itself);
-  (void)map.addKeyframe(later);
-  const std::size_t keyframes = map.keyframes().size();
-  const auto adopted = adopt(std::get<ClosedLoop>(outcome), {}, &map);
-  ASSERT_TRUE(adopted);
-  EXPECT_EQ(adopted->closing, known);
-  EXPECT_FALSE(adopted->added);
-  EXPECT_EQ(map.keyframes().size(), keyframes);
-  EXPECT_LT((map.keyframes().at(known).T_w_c.p - testing::roomView(345.0 * kDegree).p).norm(),
-            0.01);
-  for (const MarkerDetection& seen : loop.frame.detections) {
-    ASSERT_NE(map.keyframes().at(known).find(seen.id), nullptr);
-    EXPECT_EQ(std::ranges::count(map.viewsOf(seen.id), known), 1) << "and once";
+    ASSERT_LT(itself.detections.size(), loop.frame.detections.size());
+    KeyframeId known = before_closing ? map.addKeyframe(itself) : -1;
+    const LoopOutcome outcome = close(map, loop);
+    ASSERT_TRUE(std::holds_alternative<ClosedLoop>(outcome));
+    if (!before_closing) known = map.addKeyframe(itself);
+    Keyframe later = loop.frame;
+    later.sequence = 35;
+    (void)map.addKeyframe(later);
+    const std::size_t keyframes = map.keyframes().size();
+    const auto adopted = adopt(std::get<ClosedLoop>(outcome), {}, &map);
+    ASSERT_TRUE(adopted);
+    EXPECT_EQ(adopted->closing, known);
+    EXPECT_FALSE(adopted->added);
+    EXPECT_EQ(map.keyframes().size(), keyframes);
+    const Eigen::Vector3d error =
+        map.keyframes().at(known).T_w_c.p - testing::roomView(345.0 * kDegree).p;
+    EXPECT_LT(error.norm(), 0.01);
+    for (const MarkerDetection& seen : loop.frame.detections) {
+      ASSERT_NE(map.keyframes().at(known).find(seen.id), nullptr);
+      EXPECT_EQ(std::ranges::count(map.viewsOf(seen.id), known), 1) << "and once";
+    }
   }
 }
 
@@ -231,6 +234,7 @@ TEST_F(LoopCloserTest, WhatCameMeanwhileMovesAsWhatItSees) {
   ClosedLoop loop;
   loop.newest = newest;
   loop.closing = map.keyframes().at(newest);
+  ++loop.closing.sequence;  // another frame
   loop.T_w_tracked = loop.closing.T_w_c;
   loop.closing.T_w_c.p.x() += 5.0;
   loop.correction.epoch = map.epoch();
@@ -244,7 +248,6 @@ TEST_F(LoopCloserTest, WhatCameMeanwhileMovesAsWhatItSees) {
   const Transform T_w_late = map.keyframes().at(newest).T_w_c;
   Keyframe late = map.keyframes().at(newest);
   late.id = -1;
-  ++late.sequence;  // another frame
   late.detections = {{seen[0], seen[1]}};
   const KeyframeId with_both = map.addKeyframe(late);
   late.detections = {{seen[1]}};
