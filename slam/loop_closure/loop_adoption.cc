@@ -127,10 +127,12 @@ bool isSameFrame(const Keyframe& a, const Keyframe& b) {
   });
 }
 
-// The closing frame may have become a keyframe by itself, without the loop's markers: in the frame
-// that the closing began with, and so before the closing looked at the map, or after that.
-std::optional<KeyframeId> keyframeOf(const Keyframe& frame, KeyframeId newest, const Map& map) {
-  for (auto it = map.keyframes().lower_bound(newest); it != map.keyframes().end(); ++it) {
+// The closing frame may have become a keyframe by itself, without the loop's markers: often before
+// the closing first looked at the map.
+std::optional<KeyframeId> keyframeOf(const Keyframe& frame, const Map& map) {
+  const auto& keyframes = map.keyframes();
+  for (auto it = keyframes.rbegin(); it != keyframes.rend(); ++it) {
+    if (it->second.monotonic_ns < frame.monotonic_ns) break;
     if (isSameFrame(frame, it->second)) return it->first;
   }
   return std::nullopt;
@@ -143,7 +145,7 @@ void addClosing(const ClosedLoop& loop, Map* map, AdoptedLoop* adopted) {
     std::erase_if(*detections,
                   [&](const MarkerDetection& d) { return map->find(d.id) == nullptr; });
   });
-  const auto itself = keyframeOf(closing, loop.newest, *map);
+  const auto itself = keyframeOf(closing, *map);
   adopted->added = !itself;
   adopted->closing = itself ? *itself : map->addKeyframe(closing);
   if (!itself) return;
