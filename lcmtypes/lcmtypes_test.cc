@@ -6,6 +6,7 @@
 #include <bot_core/pose_t.hpp>
 #include <gtest/gtest.h>
 
+#include <waymark/calibration_t.hpp>
 #include <waymark/detections_t.hpp>
 #include <waymark/health_t.hpp>
 #include <waymark/joint_t.hpp>
@@ -49,6 +50,7 @@ TEST(LcmTypes, OurOwnHashesChangeOnPurposeOnly) {
   EXPECT_EQ(static_cast<std::uint64_t>(pose_t::getHash()), 0xa3e50267be6a9996ULL);
   EXPECT_EQ(static_cast<std::uint64_t>(map_t::getHash()), 0x2d849061eccebf26ULL);
   EXPECT_EQ(static_cast<std::uint64_t>(preview_t::getHash()), 0xb54277ce33c4b8f5ULL);
+  EXPECT_EQ(static_cast<std::uint64_t>(calibration_t::getHash()), 0xaf3be2a42a4c6ed8ULL);
 }
 
 TEST(LcmTypes, BotCorePixelFormatsSpellTheirCodes) {
@@ -76,6 +78,41 @@ TEST(LcmTypes, PreviewRoundTrip) {
   EXPECT_EQ(a.height, b.height);
   EXPECT_EQ(a.rejected_px, b.rejected_px);
   EXPECT_EQ(a.jpeg, b.jpeg);
+}
+
+TEST(LcmTypes, CalibrationRoundTrip) {
+  calibration_t a{};
+  a.utime = 1'700'000'000'000'001;
+  a.monotonic_ns = 42;
+  a.sequence = 7;
+  a.width = 640;
+  a.height = 480;
+  a.advice = "Hold it still";
+  a.enough = 1;
+  a.frames = 90;
+  a.frames_with_board = 80;
+  a.views = 12;
+  a.columns = 2;
+  a.rows = 3;
+  a.cells = 6;
+  a.points_in_cell = {0, 1, 2, 3, 4, 5};
+  a.count = 2;
+  a.points_px = {{1.5, 2}, {-3, 4}};
+  const calibration_t b = throughTheWire(a);
+  EXPECT_EQ(a.utime, b.utime);
+  EXPECT_EQ(a.monotonic_ns, b.monotonic_ns);
+  EXPECT_EQ(a.sequence, b.sequence);
+  EXPECT_EQ(a.width, b.width);
+  EXPECT_EQ(a.height, b.height);
+  EXPECT_EQ(a.advice, b.advice);
+  EXPECT_EQ(a.enough, b.enough);
+  EXPECT_EQ(a.frames, b.frames);
+  EXPECT_EQ(a.frames_with_board, b.frames_with_board);
+  EXPECT_EQ(a.views, b.views);
+  EXPECT_EQ(a.columns, b.columns);
+  EXPECT_EQ(a.rows, b.rows);
+  EXPECT_EQ(a.points_in_cell, b.points_in_cell);
+  EXPECT_EQ(a.points_px, b.points_px);
 }
 
 TEST(LcmTypes, PoseRoundTrip) {

@@ -1,11 +1,10 @@
 // The `waymark` command as its users meet it: exit codes, messages and files.
+#include "tests/waymark_tool.h"
+
 #include <algorithm>
-#include <chrono>
-#include <csignal>
 #include <filesystem>
 #include <fstream>
 #include <string>
-#include <thread>
 #include <utility>
 #include <vector>
 
@@ -13,82 +12,15 @@
 #include <nlohmann/json.hpp>
 #include <opencv2/core.hpp>
 #include <opencv2/imgcodecs.hpp>
-#include <opencv2/videoio.hpp>
 #include <sys/stat.h>
 
 #include "io/calibrations/calibration_file.h"
 #include "tests/process.h"
-#include "tests/small_disk.h"
-#include "tests/temporary_directory.h"
 
-namespace waymark {
+namespace waymark::testing {
 namespace {
 
 namespace fs = std::filesystem;
-using testing::ProgramResult;
-using testing::readFile;
-using testing::TemporaryDirectory;
-
-constexpr int kWidth = 160;
-constexpr int kHeight = 120;
-
-ProgramResult waymark(std::vector<std::string> arguments) {
-  arguments.insert(arguments.begin(), WAYMARK_PROGRAM);
-  return testing::runProgram(arguments);
-}
-
-// A directory with a calibration and a video without markers.
-class WaymarkTool : public ::testing::Test {
- protected:
-  void SetUp() override {
-    const slam::Calibration camera{
-        .width = kWidth, .height = kHeight, .fx = 150.0, .fy = 150.0, .cx = 80.0, .cy = 60.0};
-    ASSERT_TRUE(io::writeCalibration(directory_ / "calib.yml", camera).ok());
-    cv::VideoWriter writer((directory_ / "grey.avi").string(), cv::CAP_FFMPEG,
-                           cv::VideoWriter::fourcc('F', 'F', 'V', '1'), 30.0, {kWidth, kHeight},
-                           /*isColor=*/false);
-    for (int i = 0; i < 8; ++i) {
-      writer.write(cv::Mat(kHeight, kWidth, CV_8UC1, cv::Scalar(128)));
-    }
-  }
-
-  // `waymark run` with what is needed; `changes` replaces values or adds options.
-  ProgramResult run(const std::string& source,
-                    const std::vector<std::pair<std::string, std::string>>& changes = {}) {
-    std::vector<std::pair<std::string, std::string>> options = {
-        {"--calibration", (directory_ / "calib.yml").string()},
-        {"--dictionary", "ARUCO_ORIGINAL"},
-        {"--marker-size", "0.05"},
-        {"--out", (directory_ / "out").string()}};
-    for (const auto& change : changes) {
-      const auto same = [&](const auto& option) { return option.first == change.first; };
-      std::erase_if(options, same);
-      options.push_back(change);
-    }
-    std::vector<std::string> arguments = {"run", source};
-    for (const auto& [key, value] : options) arguments.insert(arguments.end(), {key, value});
-    return waymark(arguments);
-  }
-
-  // Exit code 2, one line that contains `complaint`, and no output.
-  void expectBadInput(const ProgramResult& result, const std::string& complaint) {
-    EXPECT_EQ(result.exit_code, 2) << result.err;
-    // A line about the source may come before; the error itself is one line.
-    const std::size_t error = result.err.find("waymark: ");
-    ASSERT_NE(error, std::string::npos) << result.err;
-    EXPECT_NE(result.err.find(complaint, error), std::string::npos) << result.err;
-    EXPECT_EQ(
-        std::count(result.err.begin() + static_cast<std::ptrdiff_t>(error), result.err.end(), '\n'),
-        1)
-        << result.err;
-    EXPECT_EQ(result.out, "");
-    EXPECT_FALSE(fs::exists(directory_ / "out"));
-  }
-
-  [[nodiscard]] std::string video() const { return (directory_ / "grey.avi").string(); }
-
-  const TemporaryDirectory directory_;
-};
 
 TEST_F(WaymarkTool, HelpAndVersion) {
   for (const char* option : {"--help", "--version"}) {
@@ -197,7 +129,8 @@ TEST_F(WaymarkTool, BadVideos) {
 TEST_F(WaymarkTool, ImagesOfMixedSizes) {
   const fs::path images = directory_ / "images";
   fs::create_directory(images);
-  cv::imwrite((images / "1.png").string(), cv::Mat(kHeight, kWidth, CV_8UC1, cv::Scalar(9)));
+  cv::imwrite((images / "1.png").string(),
+              cv::Mat(kToolHeight, kToolWidth, CV_8UC1, cv::Scalar(9)));
   cv::imwrite((images / "2.png").string(), cv::Mat(48, 64, CV_8UC1, cv::Scalar(9)));
   expectBadInput(run(images.string()), "2.png: is 64x48, the images before are 160x120");
 }
@@ -277,6 +210,13 @@ TEST_F(WaymarkTool, NoMarkerAnywhereIsExitCodeThree) {
   EXPECT_NE(result.out.find("verdict: no pose in 8 frames\n"), std::string::npos) << result.out;
   EXPECT_NE(result.out.find("  - there is no dark square in any frame"), std::string::npos);
   EXPECT_NE(result.out.find("  - the images show nothing"), std::string::npos);
+  // Who wants to hear errors only hears this one.
+  const ProgramResult quiet =
+      waymark({"run", video(), "--calibration", (directory_ / "calib.yml").string(), "--dictionary",
+               "ARUCO_ORIGINAL", "--marker-size", "0.05", "--quiet"});
+  EXPECT_EQ(quiet.exit_code, 3);
+  EXPECT_EQ(quiet.out, "");
+  EXPECT_TRUE(quiet.err.starts_with("verdict: no pose in 8 frames\n")) << quiet.err;
 }
 
 TEST_F(WaymarkTool, BadTrajectories) {
@@ -384,155 +324,6 @@ TEST_F(WaymarkTool, SavedDetectionsReplayAsTheImages) {
             2.0 * errors["limit"]["ate_m"]["mean"].get<double>());
 }
 
-// A short walk as images, of a camera whose calibration lies beside them.
-class InterruptedRun : public WaymarkTool {
- protected:
-  void SetUp() override {
-    WaymarkTool::SetUp();
-    const fs::path walk = directory_ / "walk";
-    ASSERT_EQ(waymark({"simulate", "walls", "--duration", "2", "--fps", "10", "--quiet", "--out",
-                       walk.string()})
-                  .exit_code,
-              0);
-    fs::create_directory(images_);
-    cv::VideoCapture video((walk / "frames.avi").string());
-    std::ofstream times(images_ / "frames.txt");
-    cv::Mat image;
-    for (int i = 10; video.read(image); ++i) {
-      const std::string name = std::to_string(i) + ".png";
-      cv::imwrite((images_ / name).string(), image);
-      times << name << " " << 0.1 * i << "\n";
-    }
-  }
-  [[nodiscard]] std::vector<std::pair<std::string, std::string>> options() const {
-    return {{"--calibration", (directory_ / "walk" / "calib.yml").string()},
-            {"--dictionary", "ARUCO_MIP_36h12"},
-            {"--marker-size", "0.123"}};
-  }
-  [[nodiscard]] nlohmann::json statistics() const {
-    return nlohmann::json::parse(readFile(directory_ / "out" / "stats.json"));
-  }
-  [[nodiscard]] int poses(const char* name) const {
-    std::ifstream file(directory_ / "out" / name);
-    int count = 0;
-    for (std::string line; std::getline(file, line);) count += line.starts_with('#') ? 0 : 1;
-    return count;
-  }
-
-  const fs::path images_ = directory_ / "images";
-};
-
-TEST_F(InterruptedRun, ABadImageAtTheEndCostsNoMoreThanItself) {
-  std::ofstream(images_ / "29.png") << "no image";
-  const ProgramResult result = run(images_.string(), options());
-  EXPECT_EQ(result.exit_code, 1);
-  EXPECT_NE(
-      result.err.find("29.png: is not a readable image; the results are of the frames before"),
-      std::string::npos)
-      << result.err;
-  const nlohmann::json told = statistics();
-  EXPECT_NE(told["incomplete"].get<std::string>().find("29.png"), std::string::npos);
-  EXPECT_EQ(told["frames"], 19);
-  EXPECT_EQ(poses("trajectory.tum"), told["localized"].get<int>());
-  EXPECT_GE(poses("trajectory_final.tum"), 15);
-  for (const char* every : {"poses.csv", "poses_final.csv"}) {
-    const std::string lines = readFile(directory_ / "out" / every);
-    EXPECT_EQ(std::count(lines.begin(), lines.end(), '\n'), 1 + 19) << every;
-  }
-  EXPECT_TRUE(fs::exists(directory_ / "out" / "map.json"));
-}
-
-TEST_F(InterruptedRun, TheVerdictIsGoodOrSaysWhatIsWrong) {
-  const ProgramResult good = run(images_.string(), options());
-  EXPECT_EQ(good.exit_code, 0) << good.err;
-  EXPECT_NE(good.out.find("\nverdict: good: a pose in 100.0 % of 20 frames, reprojection error "),
-            std::string::npos)
-      << good.out;
-  EXPECT_EQ(statistics()["verdict"]["grade"], "good");
-
-  std::vector<std::pair<std::string, std::string>> wrong = options();
-  wrong[1].second = "APRILTAG_36h11";
-  const ProgramResult other = run(images_.string(), wrong);
-  EXPECT_EQ(other.exit_code, 3) << other.err;
-  EXPECT_NE(other.out.find("squares decode as ARUCO_MIP_36h12"), std::string::npos) << other.out;
-  EXPECT_NE(other.out.find(": --dictionary ARUCO_MIP_36h12\n"), std::string::npos) << other.out;
-  EXPECT_NE(other.err.find("the results that were in "), std::string::npos) << other.err;
-  const fs::path kept = directory_ / "out" / "previous" / "stats.json";
-  EXPECT_EQ(nlohmann::json::parse(readFile(kept))["verdict"]["grade"], "good");
-
-  wrong = options();
-  wrong[2].second = "50";
-  const ProgramResult huge = run(images_.string(), wrong);
-  EXPECT_NE(huge.out.find("verdict: doubtful: "), std::string::npos) << huge.out;
-  EXPECT_NE(huge.out.find("--marker-size is the side of the black square in metres"),
-            std::string::npos)
-      << huge.out;
-}
-
-TEST_F(InterruptedRun, TheDoctorLooksAtImages) {
-  const ProgramResult good = waymark(
-      {"doctor", images_.string(), "--calibration", (directory_ / "walk" / "calib.yml").string()});
-  EXPECT_EQ(good.exit_code, 0) << good.err;
-  for (const char* finding :
-       {"good  times      20 frames at 10.0 Hz", "good  light ", "good  focus ",
-        "good  markers    ARUCO_MIP_36h12: ", "  motion     markers move by ",
-        "good  poses      a pose in 100.0 % of 20 frames"}) {
-    EXPECT_NE(good.out.find(finding), std::string::npos) << finding << "\n" << good.out;
-  }
-  const ProgramResult other = waymark({"doctor", images_.string(), "--dictionary", "4X4_50"});
-  EXPECT_NE(other.out.find("asked for was 4X4_50"), std::string::npos) << other.out;
-  const ProgramResult nothing = waymark({"doctor", video()});
-  EXPECT_EQ(nothing.exit_code, 3) << nothing.out << nothing.err;
-  EXPECT_NE(nothing.out.find("BAD   markers    none of any family"), std::string::npos);
-  expectBadInput(waymark({"doctor", "missing.avi"}), "missing.avi: no such file");
-  expectBadInput(waymark({"doctor", video(), "--dictionary", "5X5"}), "--dictionary: \"5X5\"");
-}
-
-TEST_F(InterruptedRun, ASignalEndsTheFramesAndNotTheResults) {
-  std::vector<std::string> command = {
-      WAYMARK_PROGRAM, "run", images_.string(), "--realtime",
-      "--fps",         "2",   "--out",          (directory_ / "out").string()};
-  for (const auto& [key, value] : options()) command.insert(command.end(), {key, value});
-  testing::Process process(command, directory_ / "err", directory_ / "said");
-  const auto until = std::chrono::steady_clock::now() + std::chrono::seconds(30);
-  while (process.stderrText().empty() && std::chrono::steady_clock::now() < until) {
-    std::this_thread::sleep_for(std::chrono::milliseconds(10));
-  }
-  std::this_thread::sleep_for(std::chrono::milliseconds(2000));  // of ten seconds
-  process.signal(SIGINT);
-  EXPECT_EQ(process.wait(std::chrono::seconds(60)), 1) << process.stderrText();
-  const nlohmann::json told = statistics();
-  EXPECT_TRUE(told["incomplete"].get<std::string>().starts_with("interrupted after "));
-  EXPECT_GT(told["localized"].get<int>(), 0);
-  EXPECT_LT(told["frames"].get<int>(), 20);
-  EXPECT_EQ(poses("trajectory.tum"), told["localized"].get<int>());
-}
-
-TEST_F(InterruptedRun, OfAFullDiskThereIsWhatFits) {
-  const testing::SmallDisk disk(directory_ / "out", "24k");
-  if (!disk) GTEST_SKIP() << "only root can mount a small file system";
-  const ProgramResult result = run(images_.string(), options());
-  EXPECT_EQ(result.exit_code, 1);
-  EXPECT_NE(result.err.find("No space left on device; missing: "), std::string::npos) << result.err;
-  EXPECT_NE(statistics()["incomplete"].get<std::string>().find("No space left on device"),
-            std::string::npos);
-  EXPECT_EQ(poses("trajectory.tum"), statistics()["localized"].get<int>());
-}
-
-TEST_F(InterruptedRun, ARecordingOnAFullDiskFails) {
-  const testing::SmallDisk disk(directory_ / "recordings", "16k");
-  if (!disk) GTEST_SKIP() << "only root can mount a small file system";
-  const ProgramResult result =
-      waymark({"record", images_.string(), "--out", (directory_ / "recordings").string(),
-               "--keep-free-mib", "0", "--quiet"});
-  EXPECT_EQ(result.exit_code, 1);
-  EXPECT_NE(result.err.find("the recording is incomplete: 0.0 MiB, 20 frames lost; paused: "),
-            std::string::npos)
-      << result.err;
-  EXPECT_NE(result.err.find("No space left on device"), std::string::npos) << result.err;
-  EXPECT_TRUE(fs::is_empty(directory_ / "recordings")) << "no empty file";
-}
-
 // On a real recording: every file, twice the same bytes, and close to the printed board.
 TEST_F(WaymarkTool, RealRecordingTwice) {
   const char* data = std::getenv("WAYMARK_SHARED_DATA");
@@ -573,4 +364,4 @@ TEST_F(WaymarkTool, RealRecordingTwice) {
 }
 
 }  // namespace
-}  // namespace waymark
+}  // namespace waymark::testing

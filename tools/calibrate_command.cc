@@ -16,7 +16,9 @@
 
 #include "base/clock.h"
 #include "capture/open_source.h"
+#include "daemon/configuration.h"
 #include "daemon/control/stop_signal.h"
+#include "daemon/publish/lcm_link.h"
 #include "io/maps/marker_corners.h"
 #include "io/settings/slam_settings.h"
 #include "io/text/number_text.h"
@@ -24,7 +26,9 @@
 #include "tools/board_arguments.h"
 #include "tools/calibration/board.h"
 #include "tools/calibration/calibrator.h"
+#include "tools/calibration/guide.h"
 #include "tools/calibration/view_collector.h"
+#include "tools/calibration_broadcast.h"
 #include "tools/calibration_output.h"
 #include "tools/exit_code.h"
 #include "tools/number_arguments.h"
@@ -42,7 +46,10 @@ struct CalibrateArguments {
   std::string out;
   std::optional<double> fps;
   std::optional<double> duration_s;
+  bool realtime = false;
   bool quiet = false;
+  std::string url;  // empty: the usual one, for cameras
+  std::string channel_prefix = daemon::Configuration::Publish{}.channel_prefix;
 };
 
 struct NamedBoard {
@@ -92,21 +99,53 @@ class Ending {
   std::optional<std::int64_t> end_ns_;
 };
 
-std::string progressText(const calibration::ViewCollector& collector) {
-  const std::string missing = collector.coverage().missing();
-  return std::to_string(collector.count()) + " views, " +
-         io::fixed(100.0 * collector.coverage().share(), 0) + " % covered" +
-         (missing.empty() ? "" : ", not yet: " + missing);
-}
+// Frames, and what is made of each.
+class Session {
+ public:
+  Session(const calibration::Board& board, const capture::StreamInfo& info)
+      : detector_(board, calibration::roughCalibration(info.width, info.height)),
+        collector_(board, info.width, info.height),
+        guide_(board, info.width, info.height) {}
+
+  void look(const capture::Frame& frame, std::string name, CalibrationRun* run) {
+    ++run->frames;
+    std::optional<calibration::BoardView> board_view = detector_.detect(frame.image());
+    guide_.add(board_view ? &*board_view : nullptr);
+    const std::int64_t now_ns = monotonicNs();
+    if (board_view) ++run->with_board;
+    if (board_view) collector_.offer(std::move(name), *board_view, frame.image());
+    if (!broadcast_ || !broadcast_->due(now_ns)) return;
+    broadcast_->send(frame, board_view ? &*board_view : nullptr, collector_,
+                     guide_.advice(collector_), *run, now_ns);
+  }
+  // From now on others hear of it, too.
+  void tell(const std::string& url, const std::string& channel_prefix) {
+    broadcast_.emplace(url, channel_prefix);
+  }
+
+  [[nodiscard]] std::string progressText() const {
+    return std::to_string(collector_.count()) + " views, " +
+           io::fixed(100.0 * collector_.coverage().share(), 0) + " % covered. " +
+           guide_.advice(collector_).text;
+  }
+  [[nodiscard]] std::vector<calibration::View> take() && { return std::move(collector_).take(); }
+
+ private:
+  calibration::BoardDetector detector_;
+  calibration::ViewCollector collector_;
+  calibration::Guide guide_;
+  std::optional<CalibrationBroadcast> broadcast_;
+};
 
 Result<std::vector<calibration::View>> collect(const CalibrateArguments& arguments,
                                                const calibration::Board& board,
                                                capture::FrameSource& source, CalibrationRun* run) {
   const capture::StreamInfo& info = source.info();
-  calibration::BoardDetector detector(board,
-                                      calibration::roughCalibration(info.width, info.height));
-  calibration::ViewCollector collector(board, info.width, info.height);
-  const Ending ending(arguments, info.live);
+  Session session(board, info);
+  const std::string url =
+      arguments.url.empty() && info.live ? daemon::Configuration::Publish{}.url : arguments.url;
+  if (!url.empty()) session.tell(url, arguments.channel_prefix);
+  const Ending ending(arguments, info.live || arguments.realtime);
   ProgressBar bar(info.frame_count >= 0 ? std::optional(info.frame_count) : std::nullopt,
                   /*wanted=*/!arguments.quiet);
   while (!ending.now()) {
@@ -115,26 +154,24 @@ Result<std::vector<calibration::View>> collect(const CalibrateArguments& argumen
     if (std::holds_alternative<capture::EndOfStream>(read)) break;
     if (std::holds_alternative<capture::TimedOut>(read)) continue;
     const capture::FramePtr frame = std::get<capture::FramePtr>(std::move(read));
-    ++run->frames;
-    if (auto board_view = detector.detect(frame->image())) {
-      ++run->with_board;
-      collector.offer(source.frameName(frame->stamp().sequence), std::move(*board_view),
-                      frame->image());
-    }
-    bar.update(static_cast<std::int64_t>(run->frames), [&] { return progressText(collector); });
+    session.look(*frame, source.frameName(frame->stamp().sequence), run);
+    bar.update(static_cast<std::int64_t>(run->frames), [&] { return session.progressText(); });
   }
   if (run->with_board == 0) {
     return Error{arguments.source + ": the board is in none of " + std::to_string(run->frames) +
                  " frames (" + run->board + ")"};
   }
-  return std::move(collector).take();
+  return std::move(session).take();
 }
 
 Status calibrate(const CalibrateArguments& arguments) {
+  if (!arguments.url.empty() && !daemon::multicastAddress(arguments.url)) {
+    return Error{"--url: not a multicast address: " + arguments.url};
+  }
   const Result<NamedBoard> named = boardOf(arguments.board);
   if (!named) return named.error();
   const auto source =
-      capture::openSource(arguments.source, {.fps = arguments.fps, .realtime = false});
+      capture::openSource(arguments.source, {.fps = arguments.fps, .realtime = arguments.realtime});
   if (!source) return source.error();
   Result<io::OutputDirectory> output = io::OutputDirectory::open(arguments.out);
   if (!output) return output.error();
@@ -180,6 +217,14 @@ void addOptions(CLI::App* command, CalibrateArguments* a) {
       ->check(frameRate());
   command->add_option("--duration", a->duration_s, "Look at a camera for so long, seconds")
       ->check(duration());
+  command->add_flag("--realtime", a->realtime,
+                    "Play a recording as if a camera were taking it now");
+  command->add_option(
+      "--url", a->url,
+      "LCM URL at which waymark-view hears what is still needed; else the usual one, "
+      "for cameras");
+  command->add_option("--channel-prefix", a->channel_prefix, "Channels begin with this")
+      ->capture_default_str();
   command->add_flag("--quiet", a->quiet, "Say nothing but errors");
 }
 

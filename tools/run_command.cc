@@ -489,12 +489,13 @@ Result<ExitCode> run(const RunArguments& arguments) {
                    setup.output->earlier().c_str());
     }
   }
-  if (!arguments.quiet) {
-    printSummary(record, slam, timer);
-    std::fputs(diagnosis::formatVerdict(verdict).c_str(), stdout);
+  const bool rejected = verdict.grade == diagnosis::Verdict::Grade::kNone;
+  if (!arguments.quiet) printSummary(record, slam, timer);
+  if (!arguments.quiet || rejected) {
+    std::fputs(diagnosis::formatVerdict(verdict).c_str(), arguments.quiet ? stderr : stdout);
   }
   if (!complete) return kIncomplete;
-  return verdict.grade == diagnosis::Verdict::Grade::kNone ? kNoPose : kDone;
+  return rejected ? kNoPose : kDone;
 }
 
 void addCalibrationFit(CLI::App& command, slam::CalibrationFit& fit) {

@@ -2,6 +2,7 @@
 
 #include <cstdio>
 #include <filesystem>
+#include <functional>
 #include <iostream>
 #include <memory>
 #include <optional>
@@ -46,9 +47,13 @@ struct SetupArguments {
 // What is asked for where no option says it; only a person at a terminal can be asked.
 class Questions {
  public:
-  // `proposal`: what a bare return means; may be empty. An error where nobody can be asked.
+  // What is wrong with an answer; empty: nothing.
+  using Check = std::function<std::optional<std::string>(const std::string& answer)>;
+
+  // `proposal`: what a bare return means; may be empty. Asked again until `check` is content. An
+  // error where nobody can be asked.
   Result<std::string> ask(const std::string& question, const std::string& proposal,
-                          const char* option) const {
+                          const char* option, const Check& check) const {
     if (!at_terminal_) {
       if (!proposal.empty()) return proposal;
       return Error{std::string(option) + " is required (nobody can be asked here): " + question};
@@ -60,7 +65,10 @@ class Questions {
       std::string answer;
       if (!std::getline(std::cin, answer)) return Error{"setup: no answer"};
       if (answer.empty()) answer = proposal;
-      if (!answer.empty()) return answer;
+      if (answer.empty()) continue;
+      const std::optional<std::string> objection = check(answer);
+      if (!objection) return answer;
+      std::printf("%s\n", objection->c_str());
     }
   }
 
@@ -79,7 +87,8 @@ Result<std::string> chooseCamera(const Questions& questions) {
   for (const capture::v4l2::Camera& camera : cameras) {
     std::printf("v4l2:%s  %s\n", camera.path.c_str(), camera.card.name.c_str());
   }
-  return questions.ask("Camera", "v4l2:" + cameras.front().path, "--camera");
+  return questions.ask("Camera", "v4l2:" + cameras.front().path, "--camera",
+                       [](const std::string&) { return std::nullopt; });
 }
 
 std::string quoted(const std::string& text) {
@@ -140,7 +149,7 @@ Status chooseDictionary(const Looked& looked, const Questions& questions, SetupA
     const Result<std::string> answer = questions.ask(
         found.empty() ? "Dictionary of the markers (none is in view: waymark print makes some)"
                       : "Dictionary of the markers",
-        found, "--dictionary");
+        found, "--dictionary", io::validateDictionary);
     if (!answer) return answer.error();
     a->dictionary = *answer;
   }
@@ -150,24 +159,42 @@ Status chooseDictionary(const Looked& looked, const Questions& questions, SetupA
   return success();
 }
 
+std::optional<std::string> objectionToSize(const std::string& text) {
+  constexpr double kSmallest_m = 0.001;
+  constexpr double kLargest_m = 5.0;
+  const std::optional<double> size_m = io::parseDouble(text);
+  if (size_m && *size_m > kLargest_m) {
+    return text + " m is larger than any print; " + text + " mm are " +
+           io::roundTrip(*size_m / 1000.0);
+  }
+  if (!size_m || *size_m < kSmallest_m) {
+    return "'" + text + "' must be a number of metres, e.g. 0.165";
+  }
+  return std::nullopt;
+}
+
 Status chooseSize(const Questions& questions, SetupArguments* a) {
   if (a->marker_size.empty()) {
-    const Result<std::string> answer = questions.ask(
-        "Side of the printed black square, measured, metres (0.165)", "", "--marker-size");
+    const Result<std::string> answer =
+        questions.ask("Side of the printed black square, measured, metres (0.165)", "",
+                      "--marker-size", objectionToSize);
     if (!answer) return answer.error();
     a->marker_size = *answer;
   }
-  constexpr double kSmallest_m = 0.001;
-  constexpr double kLargest_m = 5.0;
-  const std::optional<double> size_m = io::parseDouble(a->marker_size);
-  if (size_m && *size_m > kLargest_m) {
-    return Error{"--marker-size: " + a->marker_size + " m is larger than any print; " +
-                 a->marker_size + " mm are " + io::roundTrip(*size_m / 1000.0)};
-  }
-  if (!size_m || *size_m < kSmallest_m) {
-    return Error{"--marker-size: '" + a->marker_size + "' must be a number of metres, e.g. 0.165"};
+  if (const auto objection = objectionToSize(a->marker_size)) {
+    return Error{"--marker-size: " + *objection};
   }
   return success();
+}
+
+// The source as it is now. Whoever is asked something later may leave by Ctrl-C.
+Result<Looked> look(capture::FrameSource& source) {
+  constexpr int kFrames = 90;
+  const daemon::StopSignal stop;
+  Result<Looked> looked = lookAt(source, kFrames, stop);
+  if (looked && stop.pending()) return Error{"setup: interrupted"};
+  daemon::StopSignal::release();
+  return looked;
 }
 
 void sayWhatComesNext(const SetupArguments& a) {
@@ -205,11 +232,8 @@ Status setUp(SetupArguments* a) {
   if (fs::exists(a->camera, error)) a->camera = fs::absolute(a->camera).string();
   Result<std::unique_ptr<capture::FrameSource>> source = openCamera(*a);
   if (!source) return Error{withPermissionHint(source.error().message)};
-  const daemon::StopSignal stop;
-  constexpr int kFrames = 90;
-  const Result<Looked> looked = lookAt(**source, kFrames, stop);
+  const Result<Looked> looked = look(**source);
   if (!looked) return looked.error();
-  if (stop.pending()) return Error{"setup: interrupted"};
   tellOfSource(*looked);
   if (const Status chosen = chooseDictionary(*looked, questions, a); !chosen) return chosen;
   if (const Status chosen = chooseSize(questions, a); !chosen) return chosen;

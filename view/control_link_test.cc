@@ -26,7 +26,7 @@ TEST(ControlLink, AnythingElseIsRefused) {
        {"", "{}", "[]", "3", "{\"command\":3}", R"({"command":"reload"})",
         R"({"command":"status"})", R"({"command":"load-map","file":"/etc/shadow"})",
         R"({"command":"record-"})", R"([{"command":"reset"}])", "{\"command\":\"reset\"",
-        R"({"command":"set-log-level"})"}) {
+        R"({"command":"set-log-level"})", R"({"command":"save-calibration"})"}) {
     EXPECT_TRUE(sent(bad).starts_with("error: ")) << bad;
   }
 }

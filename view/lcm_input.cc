@@ -56,10 +56,12 @@ bool LcmInput::subscribe(const std::string& channel) {
 }
 
 Status LcmInput::subscribeAll() {
-  const bool all =
-      subscribe<pose_t>(prefix_ + "POSE") && subscribe<map_t>(prefix_ + "MAP") &&
-      subscribe<health_t>(prefix_ + "HEALTH") && subscribe<detections_t>(prefix_ + "DETECTIONS") &&
-      subscribe<preview_t>(prefix_ + "PREVIEW") && subscribe<bot_core::pose_t>(body_channel_);
+  const bool all = subscribe<pose_t>(prefix_ + "POSE") && subscribe<map_t>(prefix_ + "MAP") &&
+                   subscribe<health_t>(prefix_ + "HEALTH") &&
+                   subscribe<detections_t>(prefix_ + "DETECTIONS") &&
+                   subscribe<preview_t>(prefix_ + "PREVIEW") &&
+                   subscribe<calibration_t>(prefix_ + "CALIBRATION") &&
+                   subscribe<bot_core::pose_t>(body_channel_);
   if (!all) return Error{prefix_ + "...: cannot subscribe"};
   return success();
 }

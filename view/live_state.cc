@@ -6,6 +6,7 @@
 
 #include "daemon/health/health_json.h"
 #include "daemon/health/status_name.h"
+#include "io/calibrations/calibration_file.h"
 #include "slam/detection/codes/dictionary.h"
 #include "view/seen_markers.h"
 
@@ -80,6 +81,10 @@ void LiveState::tick(std::int64_t now_ns) {
   const bool alive = heard_ns_ != 0 && now_ns - heard_ns_ < kGone_ns;
   if (alive != alive_) changed(Part::kLink);
   alive_ = alive;
+  if (calibration_ && now_ns - calibrated_ns_ >= kGone_ns) {
+    calibration_.reset();
+    changed(Part::kCalibration);
+  }
   if (now_ns - histogram_since_ns_ > kHistogram_ns) {
     latencies_[1] = std::exchange(latencies_[0], {});
     histogram_since_ns_ = now_ns;
@@ -210,6 +215,14 @@ void LiveState::add(const preview_t& preview, std::int64_t now_ns) {
   changed(Part::kPreview);
 }
 
+void LiveState::add(const calibration_t& calibration, std::int64_t now_ns) {
+  heard_ns_ = now_ns;
+  if (!isPlausible(calibration)) return addMalformed();
+  calibration_ = calibration;
+  calibrated_ns_ = now_ns;
+  changed(Part::kCalibration);
+}
+
 // Its pose is a part of the frame's.
 void LiveState::add(const bot_core::pose_t& body, std::int64_t now_ns) {
   heard_ns_ = now_ns;
@@ -319,6 +332,22 @@ Json LiveState::preview() const {
   const auto frame = std::ranges::find_if(
       seen_, [&](const SeenFrame& seen) { return seen.detections.sequence == preview_->sequence; });
   if (frame != seen_.end()) json["markers"] = markersOf(*frame);
+  if (calibration_ && calibration_->sequence == preview_->sequence) {
+    json["board"] = boardJson(*calibration_);
+  }
+  return json;
+}
+
+Json LiveState::calibration() const {
+  Json json = {{"type", "calibration"}};
+  if (!calibration_) return json;
+  const calibration_t& m = *calibration_;
+  json["advice"] = m.advice;
+  json["enough"] = m.enough != 0;
+  json["frames"] = m.frames;
+  json["frames_with_board"] = m.frames_with_board;
+  json["views"] = m.views;
+  json["covered"] = coveredShare(m);
   return json;
 }
 
@@ -340,6 +369,8 @@ Json LiveState::part(Part which) const {
       return {{"type", "control"}, {"status", control_}};
     case Part::kPlayback:
       return playback_.is_null() ? Json{{"type", "playback"}} : playback_;
+    case Part::kCalibration:
+      return calibration();
   }
   return {};
 }
@@ -354,12 +385,18 @@ std::string LiveState::trailText() const {
   return dump({{"type", "trail"}, {"points", points}});
 }
 
+std::optional<std::string> LiveState::calibrationFile() const {
+  const auto lens = health_ ? calibrationOf(health_->lens) : std::nullopt;
+  return lens ? std::optional(io::formatCalibration(*lens)) : std::nullopt;
+}
+
 std::string LiveState::stateText() const {
   return dump({{"link", link()},
                {"pose", pose()},
                {"map", map()},
                {"health", health()},
-               {"detections", detections()}}) +
+               {"detections", detections()},
+               {"calibration", calibration()}}) +
          "\n";
 }
 

@@ -14,6 +14,7 @@
 #include <bot_core/pose_t.hpp>
 
 #include "io/text/json_node.h"
+#include <waymark/calibration_t.hpp>
 #include <waymark/detections_t.hpp>
 #include <waymark/health_t.hpp>
 #include <waymark/map_t.hpp>
@@ -31,9 +32,10 @@ enum class Part : std::size_t {
   kDetections,
   kPreview,
   kControl,
-  kPlayback
+  kPlayback,
+  kCalibration
 };
-inline constexpr std::size_t kParts = 8;
+inline constexpr std::size_t kParts = 9;
 
 class LiveState {
  public:
@@ -43,6 +45,8 @@ class LiveState {
   void add(const health_t& health, std::int64_t now_ns);
   void add(const detections_t& detections, std::int64_t now_ns);
   void add(const preview_t& preview, std::int64_t now_ns);
+  // Of a camera that is being calibrated.
+  void add(const calibration_t& calibration, std::int64_t now_ns);
   // Of the body that carries the camera.
   void add(const bot_core::pose_t& body, std::int64_t now_ns);
   void addMalformed() { ++malformed_; }
@@ -67,6 +71,8 @@ class LiveState {
   [[nodiscard]] std::string trailText() const;
   // Everything, but the trail.
   [[nodiscard]] std::string stateText() const;
+  // The lens in use, for camera.calibration; empty: nothing is known of it.
+  [[nodiscard]] std::optional<std::string> calibrationFile() const;
   // For Prometheus.
   [[nodiscard]] std::string metricsText() const;
 
@@ -91,6 +97,7 @@ class LiveState {
   [[nodiscard]] io::Json health() const;
   [[nodiscard]] io::Json detections() const;
   [[nodiscard]] io::Json preview() const;
+  [[nodiscard]] io::Json calibration() const;
   [[nodiscard]] io::Json markersOf(const SeenFrame& frame) const;
   [[nodiscard]] io::Json part(Part which) const;
 
@@ -116,6 +123,8 @@ class LiveState {
   std::map<std::string, std::int64_t> counters_before_;  // when this daemon was first heard
   std::deque<SeenFrame> seen_;  // of the last frames, the newest at the end
   std::optional<preview_t> preview_;
+  std::optional<calibration_t> calibration_;
+  std::int64_t calibrated_ns_ = 0;  // when that came
   std::optional<bot_core::pose_t> body_;
   io::Json control_;
   io::Json playback_;

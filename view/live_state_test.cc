@@ -5,6 +5,8 @@
 
 #include <gtest/gtest.h>
 
+#include "io/calibrations/calibration_file.h"
+
 namespace waymark::view {
 namespace {
 
@@ -186,6 +188,27 @@ TEST(LiveState, MetricsArePrometheusText) {
   EXPECT_NE(text.find("waymark_status{status=\"tracking\"} 1\n"), std::string::npos);
   EXPECT_NE(text.find("waymark_events_total{name=\"dropped.queue\"} 4\n"), std::string::npos);
   EXPECT_NE(text.find("{name=\"odd\\\"\\\\\\n\"} 5\n"), std::string::npos) << text;
+}
+
+TEST(LiveState, TheLensInUseIsACalibrationFile) {
+  LiveState state;
+  EXPECT_FALSE(state.calibrationFile());
+  health_t health = healthOf(kSecond_ns, 0);
+  state.add(health, kSecond_ns);
+  EXPECT_FALSE(state.calibrationFile()) << "no frame has come yet";
+  health.lens.width = 640;
+  health.lens.height = 480;
+  health.lens.fx = 512.5;
+  health.lens.fy = 511.5;
+  health.lens.cx = 320.0;
+  health.lens.cy = 240.0;
+  health.lens.distortion[0] = -0.1;
+  state.add(health, 2 * kSecond_ns);
+  ASSERT_TRUE(state.calibrationFile());
+  const auto read = io::parseCalibration(*state.calibrationFile(), "calib.yml");
+  ASSERT_TRUE(read) << read.error().message;
+  EXPECT_EQ(read->fx, 512.5);
+  EXPECT_EQ(read->distortion[0], -0.1);
 }
 
 }  // namespace

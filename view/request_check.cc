@@ -107,6 +107,7 @@ Answer checkRequest(const RequestHead& request, const Access& access,
   if (request.upgrade) return refuse(400, "this is no WebSocket");
   if (target.path == "/state.json") return {200, Resource::kState, "", ""};
   if (target.path == "/metrics") return {200, Resource::kMetrics, "", ""};
+  if (target.path == "/calib.yml") return {200, Resource::kCalibration, "", ""};
   return refuse(404, "there is no such page");
 }
 

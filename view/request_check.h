@@ -28,7 +28,7 @@ struct RequestHead {
   bool upgrade = false;         // to a WebSocket
 };
 
-enum class Resource { kNone, kFile, kState, kMetrics, kSocket };
+enum class Resource { kNone, kFile, kState, kMetrics, kCalibration, kSocket };
 
 struct Answer {
   int status = 400;  // of HTTP; 101: becomes a WebSocket

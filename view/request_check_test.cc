@@ -29,6 +29,7 @@ TEST(RequestCheck, ThePageAndWhatBelongsToIt) {
   EXPECT_EQ(checkRequest(get("/view.js"), {}, kFiles).file, "view.js");
   EXPECT_EQ(checkRequest(get("/state.json"), {}, kFiles).resource, Resource::kState);
   EXPECT_EQ(checkRequest(get("/metrics"), {}, kFiles).resource, Resource::kMetrics);
+  EXPECT_EQ(checkRequest(get("/calib.yml"), {}, kFiles).resource, Resource::kCalibration);
   for (const char* nothing : {"/other.js", "/../etc/passwd", "/view.js/", "view.js", "", "//",
                               "/%2e%2e/view.js", "/view.js%00", "http://localhost/view.js"}) {
     EXPECT_EQ(statusOf(get(nothing)), 404) << nothing;

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <optional>
+#include <utility>
 
 #include <Eigen/Core>
 #include <Eigen/Geometry>
@@ -16,18 +17,8 @@ namespace {
 using io::Json;
 
 std::optional<slam::CameraModel> modelOf(const lens_t* lens) {
-  if (lens == nullptr) return std::nullopt;
-  slam::Calibration c;
-  c.width = lens->width;
-  c.height = lens->height;
-  c.fx = lens->fx;
-  c.fy = lens->fy;
-  c.cx = lens->cx;
-  c.cy = lens->cy;
-  if (lens->model == lens_t::MODEL_EQUIDISTANT) c.model = slam::DistortionModel::kEquidistant;
-  std::copy_n(lens->distortion, c.distortion.size(), c.distortion.begin());
-  if (!c.invalidReason().empty()) return std::nullopt;
-  return slam::CameraModel(c);
+  const auto calibration = lens == nullptr ? std::nullopt : calibrationOf(*lens);
+  return calibration ? std::optional<slam::CameraModel>(*calibration) : std::nullopt;
 }
 
 const marker_t* findMarker(const std::map<std::int32_t, map_t>& map, std::int32_t id,
@@ -60,6 +51,20 @@ Json expectedCorners(const marker_t& marker, const pose_t& pose, const slam::Cam
 }
 
 }  // namespace
+
+std::optional<slam::Calibration> calibrationOf(const lens_t& lens) {
+  slam::Calibration c;
+  c.width = lens.width;
+  c.height = lens.height;
+  c.fx = lens.fx;
+  c.fy = lens.fy;
+  c.cx = lens.cx;
+  c.cy = lens.cy;
+  if (lens.model == lens_t::MODEL_EQUIDISTANT) c.model = slam::DistortionModel::kEquidistant;
+  std::copy_n(lens.distortion, c.distortion.size(), c.distortion.begin());
+  if (!c.invalidReason().empty()) return std::nullopt;
+  return c;
+}
 
 Json seenMarkers(const detections_t& detections, const pose_t* pose, const lens_t* lens,
                  const std::map<std::int32_t, map_t>& map) {
@@ -96,6 +101,28 @@ Json previewJson(const preview_t& preview) {
           {"height", preview.height},
           {"rejected", preview.rejected_px},
           {"image", "data:image/jpeg;base64," + base64(preview.jpeg)}};
+}
+
+bool isPlausible(const calibration_t& calibration) {
+  constexpr std::int32_t kMostCells = 1000;
+  constexpr std::size_t kMostPoints = 10'000;
+  const std::int64_t cells = std::int64_t{calibration.columns} * calibration.rows;
+  return calibration.columns > 0 && calibration.rows > 0 && cells <= kMostCells &&
+         std::cmp_equal(calibration.points_in_cell.size(), cells) &&
+         calibration.points_px.size() <= kMostPoints;
+}
+
+Json boardJson(const calibration_t& calibration) {
+  return {{"points", calibration.points_px},
+          {"columns", calibration.columns},
+          {"rows", calibration.rows},
+          {"cells", calibration.points_in_cell}};
+}
+
+double coveredShare(const calibration_t& calibration) {
+  const auto covered =
+      std::ranges::count_if(calibration.points_in_cell, [](std::int32_t n) { return n > 0; });
+  return static_cast<double>(covered) / static_cast<double>(calibration.points_in_cell.size());
 }
 
 std::string base64(std::span<const std::uint8_t> bytes) {

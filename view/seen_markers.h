@@ -1,14 +1,17 @@
-// What was seen in one frame, as JSON: markers with where the map and the pose put them, and the
-// image that a preview message brings.
+// What was seen in one frame, as JSON: markers with where the map and the pose put them, the image
+// that a preview message brings, and a board for calibration.
 #pragma once
 
 #include <cstddef>
 #include <cstdint>
 #include <map>
+#include <optional>
 #include <span>
 #include <string>
 
 #include "io/text/json_node.h"
+#include "slam/geometry/camera_model.h"
+#include <waymark/calibration_t.hpp>
 #include <waymark/detections_t.hpp>
 #include <waymark/lens_t.hpp>
 #include <waymark/map_t.hpp>
@@ -23,10 +26,21 @@ namespace waymark::view {
 [[nodiscard]] io::Json seenMarkers(const detections_t& detections, const pose_t* pose,
                                    const lens_t* lens, const std::map<std::int32_t, map_t>& map);
 
+// Empty where nothing is known of the lens.
+[[nodiscard]] std::optional<slam::Calibration> calibrationOf(const lens_t& lens);
+
 // Whether a preview is what waymarkd sends: anybody can send on a channel.
 [[nodiscard]] bool isPlausible(const preview_t& preview);
 // {"type":"preview", ...} with the image as a data URL. Precondition: isPlausible().
 [[nodiscard]] io::Json previewJson(const preview_t& preview);
+
+// The same of a calibration.
+[[nodiscard]] bool isPlausible(const calibration_t& calibration);
+// What of the board is in its frame, and where in the image it has been: {"points":[[x,y], ...],
+// "columns", "rows", "cells":[...]}. Precondition: isPlausible().
+[[nodiscard]] io::Json boardJson(const calibration_t& calibration);
+// Of the image's cells, how many the board has been in: 0 to 1.
+[[nodiscard]] double coveredShare(const calibration_t& calibration);
 
 [[nodiscard]] std::string base64(std::span<const std::uint8_t> bytes);
 

@@ -133,6 +133,58 @@ TEST(Preview, ComesWithWhatWasFoundInItsOwnFrame) {
       << "no frame of it was heard of";
 }
 
+calibration_t calibrationOfFrame(std::int64_t sequence) {
+  calibration_t calibration{};
+  calibration.sequence = sequence;
+  calibration.advice = "Bring it there in the image: left";
+  calibration.frames = 9;
+  calibration.frames_with_board = 7;
+  calibration.views = 3;
+  calibration.columns = calibration.rows = 2;
+  calibration.cells = 4;
+  calibration.points_in_cell = {0, 12, 3, 1};
+  calibration.count = 1;
+  calibration.points_px = {{10.0F, 20.0F}};
+  return calibration;
+}
+
+TEST(Calibration, IsToldWithTheImageOfItsFrame) {
+  LiveState state;
+  state.add(calibrationOfFrame(5), 1);
+  state.add(previewOf(5), 1);
+  const Json told = Json::parse(state.text(Part::kCalibration));
+  EXPECT_EQ(told["advice"], "Bring it there in the image: left");
+  EXPECT_EQ(told["covered"], 0.75);
+  const Json board = Json::parse(state.text(Part::kPreview))["board"];
+  EXPECT_EQ(board["points"], Json::parse("[[10.0, 20.0]]"));
+  EXPECT_EQ(board["cells"], Json::parse("[0, 12, 3, 1]"));
+  state.add(previewOf(6), 1);
+  EXPECT_FALSE(Json::parse(state.text(Part::kPreview)).contains("board")) << "another frame's";
+}
+
+TEST(Calibration, IsOverWhenNothingMoreIsHeardOfIt) {
+  LiveState state;
+  state.add(calibrationOfFrame(5), 10'000'000'000);
+  state.tick(12'000'000'000);
+  EXPECT_TRUE(Json::parse(state.text(Part::kCalibration)).contains("advice"));
+  const std::uint64_t before = state.version(Part::kCalibration);
+  state.tick(14'000'000'000);
+  EXPECT_FALSE(Json::parse(state.text(Part::kCalibration)).contains("advice"));
+  EXPECT_GT(state.version(Part::kCalibration), before);
+}
+
+TEST(Calibration, CellsThatAreNoneAreNotBelieved) {
+  EXPECT_TRUE(isPlausible(calibrationOfFrame(1)));
+  calibration_t wrong = calibrationOfFrame(1);
+  wrong.rows = 3;
+  EXPECT_FALSE(isPlausible(wrong));
+  wrong.rows = wrong.columns = 65'536;
+  EXPECT_FALSE(isPlausible(wrong));
+  wrong.rows = wrong.columns = 0;
+  wrong.points_in_cell.clear();
+  EXPECT_FALSE(isPlausible(wrong));
+}
+
 TEST(Body, IsToldWithThePoseOfItsFrameOnly) {
   LiveState state;
   pose_t pose{};

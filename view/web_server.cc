@@ -162,6 +162,11 @@ WebServer::Reply WebServer::reply(const RequestHead& request) const {
       return {.status = 200,
               .type = "text/plain; version=0.0.4; charset=utf-8",
               .body = state_.metricsText()};
+    case Resource::kCalibration:
+      if (const auto text = state_.calibrationFile()) {
+        return {.status = 200, .type = "application/yaml", .body = *text};
+      }
+      return {.status = 404, .body = "nothing is known of a lens yet\n"};
     case Resource::kSocket:
       if (hasRoomForClient()) return {.status = 101, .body = "", .becomes_socket = true};
       return {.status = 503, .body = "too many look already\n"};

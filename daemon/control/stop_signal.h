@@ -19,6 +19,9 @@ class StopSignal {
   // Any thread.
   void finish();
 
+  // Both end the process again, as if this had never been: in this thread.
+  static void release();
+
  private:
   [[nodiscard]] bool poll(int timeout_ms) const;
 

@@ -33,23 +33,9 @@ bool PreviewMaker::make(const PreviewLink::Query& frame, preview_t* message) {
   message->sequence = static_cast<std::int64_t>(frame.stamp.sequence);
   message->width = frame.image.width;
   message->height = frame.image.height;
-  int factor = 1;
-  while (frame.image.width > factor * options_.max_width_px) factor *= 2;
-  const ImageView small = factor == 1 ? frame.image : reducer_.reduce(frame.image, factor);
-  findRejected(frame, small, factor, message);
-  return encode(small, message);
-}
-
-bool PreviewMaker::encode(const ImageView& small, preview_t* message) {
-  for (int quality = options_.quality; quality >= 10; quality /= 2) {
-    const std::span<const std::uint8_t> bytes = jpeg_.encode(small, quality);
-    if (bytes.empty()) return false;
-    if (bytes.size() > options_.max_jpeg_bytes) continue;
-    message->jpeg.assign(bytes.begin(), bytes.end());
-    message->size = static_cast<std::int32_t>(bytes.size());
-    return true;
-  }
-  return false;
+  const PreviewImage::Reduced small = image_.reduce(frame.image);
+  findRejected(frame, small.image, small.factor, message);
+  return image_.encode(small.image, message);
 }
 
 void PreviewMaker::findRejected(const PreviewLink::Query& frame, const ImageView& small, int factor,

@@ -10,10 +10,12 @@ namespace waymark::slam {
 
 struct AdoptedLoop {
   KeyframeId closing = -1;  // the closing frame's
+  bool added = false;       // else it had become a keyframe by itself
   Transform T_new_old;      // what became of where the camera is
 };
 
-// Corrects the map, and adds the closing frame to it. What came since the closing began moves as
+// Corrects the map, and adds the closing frame to it, unless it has become a
+// keyframe by itself. What came since the closing began moves as
 // what it sees, and the camera as the newest keyframe; where it was lost meanwhile, and may be
 // elsewhere, as the keyframe that it is near by now. Empty, and nothing is done, when the map's
 // coordinates are others by now.

@@ -172,6 +172,59 @@ TEST_F(LoopCloserTest, WhatCameMeanwhileMovesWithTheClosingFrame) {
   EXPECT_FALSE(adopt(std::get<ClosedLoop>(outcome), {}, &map)) << "it has been";
 }
 
+// The frame that closes the loop was worth a keyframe by itself, without the loop's markers.
+TEST_F(LoopCloserTest, TheClosingFrameIsNoSecondKeyframeWhereItIsOneAlready) {
+  for (const bool before_closing : {true, false}) {
+    Map map = openMap(24, 0.05);
+    testing::bend(drift_, &map);
+    LoopFrame loop = loopFrame(map, see(testing::roomView(345.0 * kDegree), 0.05));
+    loop.frame.sequence = 34;
+    loop.frame.monotonic_ns = 1'000;
+    Keyframe itself = loop.frame;
+    itself.detections.change([&](auto* detections) {
+      std::erase_if(*detections, [&](const MarkerDetection& d) {
+        return std::ranges::find(loop.loop_markers, d.id) != loop.loop_markers.end();
+      });
+    });
+    ASSERT_LT(itself.detections.size(), loop.frame.detections.size());
+    KeyframeId known = before_closing ? map.addKeyframe(itself) : -1;
+    const LoopOutcome outcome = close(map, loop);
+    ASSERT_TRUE(std::holds_alternative<ClosedLoop>(outcome));
+    if (!before_closing) known = map.addKeyframe(itself);
+    Keyframe later = loop.frame;
+    later.sequence = 35;
+    (void)map.addKeyframe(later);
+    const std::size_t keyframes = map.keyframes().size();
+    const auto adopted = adopt(std::get<ClosedLoop>(outcome), {}, &map);
+    ASSERT_TRUE(adopted);
+    EXPECT_EQ(adopted->closing, known);
+    EXPECT_FALSE(adopted->added);
+    EXPECT_EQ(map.keyframes().size(), keyframes);
+    const Eigen::Vector3d error =
+        map.keyframes().at(known).T_w_c.p - testing::roomView(345.0 * kDegree).p;
+    EXPECT_LT(error.norm(), 0.01);
+    for (const MarkerDetection& seen : loop.frame.detections) {
+      ASSERT_NE(map.keyframes().at(known).find(seen.id), nullptr);
+      EXPECT_EQ(std::ranges::count(map.viewsOf(seen.id), known), 1) << "and once";
+    }
+  }
+}
+
+// Frames without times and sequences: another one has seen other corners.
+TEST_F(LoopCloserTest, AnotherFrameOfTheSameTimeIsNotTheClosingFrame) {
+  Map map = openMap(24, 0.05);
+  testing::bend(drift_, &map);
+  const LoopFrame loop = loopFrame(map, see(testing::roomView(345.0 * kDegree), 0.05));
+  const LoopOutcome outcome = close(map, loop);
+  Keyframe other = loop.frame;
+  other.detections = see(testing::roomView(345.0 * kDegree), 0.05);
+  const KeyframeId id = map.addKeyframe(other);
+  const auto adopted = adopt(std::get<ClosedLoop>(outcome), {}, &map);
+  ASSERT_TRUE(adopted);
+  EXPECT_TRUE(adopted->added);
+  EXPECT_NE(adopted->closing, id);
+}
+
 // What came since hangs between what moved much and what moved little, and follows both.
 TEST_F(LoopCloserTest, WhatCameMeanwhileMovesAsWhatItSees) {
   Map map = openMap(24, 0.05);
@@ -181,6 +234,7 @@ TEST_F(LoopCloserTest, WhatCameMeanwhileMovesAsWhatItSees) {
   ClosedLoop loop;
   loop.newest = newest;
   loop.closing = map.keyframes().at(newest);
+  ++loop.closing.sequence;  // another frame
   loop.T_w_tracked = loop.closing.T_w_c;
   loop.closing.T_w_c.p.x() += 5.0;
   loop.correction.epoch = map.epoch();

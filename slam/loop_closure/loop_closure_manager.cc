@@ -91,7 +91,7 @@ std::optional<Transform> LoopClosureManager::collect(Map* map) {
   if (!adopted) return std::nullopt;  // the coordinates are others by now
   bent_ = facts.regional;
   ++counters_->loop_closures;
-  ++counters_->keyframes_added;
+  if (adopted->added) ++counters_->keyframes_added;
   screening_->forgetDisagreements();
   contradicting_marker_ = -1;
   return adopted->T_new_old;

@@ -89,12 +89,16 @@ void ViewCollector::thinOut() {
   views_ = std::move(left);
 }
 
-std::vector<View> ViewCollector::take() && {
+double ViewCollector::worstBlur() const {
   std::vector<double> blurs;
   for (const Kept& kept : views_) blurs.push_back(kept.view.board_view.blur_px);
+  if (blurs.empty()) return std::numeric_limits<double>::infinity();
+  return options_.worst_blur * slam::median(std::move(blurs));
+}
+
+std::vector<View> ViewCollector::take() && {
+  const double worst_px = worstBlur();
   std::vector<View> views;
-  if (blurs.empty()) return views;
-  const double worst_px = options_.worst_blur * slam::median(std::move(blurs));
   for (Kept& kept : views_) {
     if (kept.view.board_view.blur_px <= worst_px) views.push_back(std::move(kept.view));
   }

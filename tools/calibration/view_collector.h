@@ -48,6 +48,8 @@ class ViewCollector {
   [[nodiscard]] std::vector<View> take() &&;
 
   [[nodiscard]] std::size_t count() const { return views_.size(); }
+  // Views with more are motion, beside the others; pixels. Infinite where there are none.
+  [[nodiscard]] double worstBlur() const;
   // Of all views that were offered, kept or not.
   [[nodiscard]] const Coverage& coverage() const { return coverage_; }
 

@@ -27,7 +27,7 @@ const WaymarkPanels = (() => {
   }
 
   // In words: how it is, and why it is not better.
-  function showStatus(connected, link, pose) {
+  function showStatus(connected, link, pose, calibration) {
     let level = "bad";
     let state = "no connection";
     let why = "to waymark-view; trying again";
@@ -35,6 +35,8 @@ const WaymarkPanels = (() => {
       [state, why] = ["cannot listen", link.fault];
     } else if (connected && !link.alive) {
       [state, why] = ["no daemon", "nothing comes from waymarkd: is it running, with this URL and prefix?"];
+    } else if (connected && calibration.advice) {
+      [level, state, why] = [calibration.enough ? "good" : "warn", "calibrating", calibration.advice];
     } else if (connected && pose.status) {
       state = pose.status;
       why = pose.reason || "";
@@ -133,8 +135,15 @@ const WaymarkPanels = (() => {
       ["Camera", health.camera ? health.camera.state + (health.camera.reason ? ": " + health.camera.reason : "") : "\u2013"],
       ["Daemon", `waymarkd ${health.version}, up ${number(health.uptime_ns / 60e9, 1, "min")}`],
     ]);
+    showLens(health.lens);
     showSpark();
     showGrown(health.grown || {});
+  }
+
+  function showLens(lens) {
+    byId("lens").hidden = !lens || !(lens.width > 0);
+    if (byId("lens").hidden) return;
+    byId("lens-text").textContent = `Lens ${lens.state}: focal length ${number(lens.fx, 1, "px")}`;
   }
 
   // Those that somebody can do something about.
@@ -159,6 +168,19 @@ const WaymarkPanels = (() => {
       const state = m.piece > 0 ? `${m.state}, piece ${m.piece}` : m.state;
       for (const value of [m.id, state, m.views, sigma]) row.insertCell().textContent = String(value);
     }
+  }
+
+  // What `waymark calibrate` still needs, while it runs.
+  function showCalibration(calibration) {
+    byId("calibration-section").hidden = !calibration.advice;
+    document.body.classList.toggle("calibrating", Boolean(calibration.advice));
+    if (!calibration.advice) return;
+    if (byId("advice").textContent !== calibration.advice) byId("advice").textContent = calibration.advice;
+    fill(byId("calibration"), [
+      ["Views", `${calibration.views} kept`],
+      ["With the board", `${calibration.frames_with_board} of ${calibration.frames} frames`],
+      ["Of the image", `${number(100 * calibration.covered, 0)} % has had the board in it`],
+    ]);
   }
 
   // The newest preview whose image is there, and when it came.
@@ -246,6 +268,31 @@ const WaymarkPanels = (() => {
     context.setLineDash([]);
   }
 
+  // Where the board has not been yet is veiled; its points in this frame are dots.
+  function drawBoard(context, board, unit) {
+    const [wide, high] = [context.canvas.width / board.columns, context.canvas.height / board.rows];
+    context.fillStyle = style("--warn");
+    context.globalAlpha = 0.4;
+    board.cells.forEach((points, i) => {
+      if (points > 0) return;
+      context.fillRect((i % board.columns) * wide, Math.floor(i / board.columns) * high, wide, high);
+    });
+    context.globalAlpha = 1;
+    context.fillStyle = style("--good");
+    for (const [x, y] of board.points) {
+      context.beginPath();
+      context.arc(x + 0.5, y + 0.5, 4 * unit, 0, 2 * Math.PI);
+      context.fill();
+    }
+  }
+
+  function boardText(preview) {
+    const board = preview.board;
+    const empty = board.cells.filter((points) => points === 0).length;
+    return `Frame ${preview.sequence}: ${board.points.length} points of the board (dots)` +
+      (empty > 0 ? "; where it is veiled, the board has not been yet" : "; the board has been everywhere");
+  }
+
   // The live image where one comes, with what was found in that very frame; else the newest frame's
   // markers alone.
   function showImage(detections, pose, images) {
@@ -262,6 +309,11 @@ const WaymarkPanels = (() => {
     context.font = `bold ${16 * unit}px sans-serif`;
     if (preview) context.drawImage(photo.image, 0, 0, canvas.width, canvas.height);
     canvas.dataset.image = preview ? String(preview.sequence) : "";
+    if (preview && preview.board) {
+      drawBoard(context, preview.board, unit);
+      byId("image-text").textContent = boardText(preview);
+      return;
+    }
     if (preview) drawRejected(context, preview.rejected, unit);
     const markers = preview ? preview.markers || [] : detections.markers;
     const residuals = markers.map((m) => drawMarker(context, m, unit, Boolean(preview)));
@@ -303,5 +355,5 @@ const WaymarkPanels = (() => {
     }
   }
 
-  return {start, showStatus, showPose, showHealth, showMap, showImage, addPreview, whyNoImage, showControl};
+  return {start, showStatus, showPose, showHealth, showMap, showImage, showCalibration, addPreview, whyNoImage, showControl};
 })();

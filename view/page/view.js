@@ -3,7 +3,7 @@
 
 (() => {
   const token = new URLSearchParams(location.hash.slice(1)).get("token") || "";
-  const state = {link: {}, pose: {}, detections: {markers: []}};
+  const state = {link: {}, pose: {}, detections: {markers: []}, calibration: {}};
   const sourceNumber = {"none": 0, "markers": 1, "natural features": 2, "prediction": 3};
   let socket = null;
   let connected = false;
@@ -51,6 +51,10 @@
     playback: (m) => WaymarkOffline.setPlayback(m),
     health: (m) => WaymarkPanels.showHealth(m),
     detections: (m) => { state.detections = m; },
+    calibration: (m) => {
+      state.calibration = m;
+      WaymarkPanels.showCalibration(m);
+    },
     preview: (m) => WaymarkPanels.addPreview(m),
     control: (m) => WaymarkPanels.showControl(m.status),
     answer: (m) => {
@@ -74,7 +78,7 @@
     wanted = true;
     requestAnimationFrame(() => {
       wanted = false;
-      WaymarkPanels.showStatus(connected, WaymarkOffline.isResult() ? {alive: true} : state.link, state.pose);
+      WaymarkPanels.showStatus(connected, WaymarkOffline.isResult() ? {alive: true} : state.link, state.pose, state.calibration);
       WaymarkPanels.showPose(state.pose);
       WaymarkPanels.showImage(state.detections, state.pose, WaymarkPanels.whyNoImage());
       WaymarkScene.setPose(state.pose);
@@ -121,6 +125,9 @@
       if (connected) socket.send(JSON.stringify({command: button.dataset.command}));
     });
   }
+
+  document.getElementById("save-calibration").href =
+    "calib.yml" + (token ? `?token=${encodeURIComponent(token)}` : "");
 
   WaymarkOffline.start({
     send: (command) => { if (connected) socket.send(JSON.stringify(command)); },
