@@ -48,6 +48,8 @@ std::string Options::invalidReason() const {
       intrinsics.invalidReason(),
       firstUnmet({
           {isPositive(work_per_frame), "the work of a frame must be positive"},
+          {isShare(spare_time_share), "the share of a slow camera's time must be from 0 to 1"},
+          {isPositive(most_work_per_frame), "the most work of a frame must be positive"},
       }),
   });
 }

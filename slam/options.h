@@ -41,6 +41,11 @@ struct Options {
   // they take: counted, not timed, a unit being what took a microsecond on a core of 3 GHz. More is
   // done sooner, less is steadier.
   double work_per_frame = 150.0;
+  // Of the time that a camera leaves which is slower than 30 Hz, this share is spent beside it, up
+  // to so many units in a frame: at 2 Hz a map would be built upon for minutes before it is
+  // optimized, or a wrong marker is taken out of it. More makes that frame's pose later.
+  double spare_time_share = 0.03;
+  double most_work_per_frame = 20'000.0;
   BundleOptions global_optimization{.max_iterations = 50, .min_relative_decrease = 1e-6};
   IntrinsicPriors intrinsics;
 

@@ -6,6 +6,8 @@
 
 #include <gtest/gtest.h>
 
+#include "slam/frame_work.h"
+
 namespace waymark::slam {
 namespace {
 
@@ -88,6 +90,10 @@ TEST(Options, EveryStageIsAsked) {
   expect([](Options* o) { o->intrinsics.focal_px = -1.0; },
          "the sigmas of the intrinsics must not be negative");
   expect([](Options* o) { o->work_per_frame = 0.0; }, "the work of a frame must be positive");
+  expect([](Options* o) { o->spare_time_share = 1.5; },
+         "the share of a slow camera's time must be from 0 to 1");
+  expect([](Options* o) { o->most_work_per_frame = 0.0; },
+         "the most work of a frame must be positive");
 }
 
 TEST(Options, OfTheSquaresPoseWhereverItIsUsed) {
@@ -189,6 +195,22 @@ TEST(Options, OfTheMapsGrowth) {
          "the repeated share of a corner's error must be from 0 to 1");
   expect([](Options* o) { o->global_optimization.gate_after = 1.5; },
          "the iterations before the gate must be a share from 0 to 1");
+}
+
+// Nothing more at the usual rates, or where a frame was late; the time that a slow camera leaves,
+// up to a bound, however long nothing came.
+TEST(FrameWork, ASlowCameraLeavesTime) {
+  Options options;
+  EXPECT_EQ(frameWork(options, 0.0), options.work_per_frame);
+  EXPECT_EQ(frameWork(options, 1.0 / 150.0), options.work_per_frame);
+  EXPECT_EQ(frameWork(options, 1.0 / 30.0), options.work_per_frame);
+  EXPECT_NEAR(frameWork(options, 1.0 / 30.0 + 0.1), options.work_per_frame + 3000.0, 1e-6);
+  EXPECT_EQ(frameWork(options, 1000.0), options.most_work_per_frame);
+  EXPECT_EQ(frameWork(options, -1.0), options.work_per_frame);
+  options.spare_time_share = 0.0;
+  EXPECT_EQ(frameWork(options, 0.5), options.work_per_frame);
+  options.treatAsUnorderedImages();
+  EXPECT_EQ(frameWork(options, 0.5), options.work_per_frame) << "there is no bound";
 }
 
 }  // namespace

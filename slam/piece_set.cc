@@ -7,6 +7,7 @@
 #include "base/elapsed.h"
 #include "slam/batch_mapper.h"
 #include "slam/camera/undistort_map.h"
+#include "slam/frame_work.h"
 #include "slam/geometry/turned_covariance.h"
 #include "slam/pieces/other_print.h"
 
@@ -71,6 +72,7 @@ PoseEstimate PieceSet::asOfNow(PoseEstimate pose) const {
 FrameResult PieceSet::process(const FrameInput& frame, std::span<const MarkerDetection> detections,
                               StageObserver* observer) {
   events_.clear();
+  noteInterval(frame.time.monotonic_ns);
   tellWhatOthersHave(active_, detections);
   FrameResult result;
   auto trusted = believed(frame, detections);
@@ -105,7 +107,12 @@ FrameResult PieceSet::process(const FrameInput& frame, std::span<const MarkerDet
 double PieceSet::allowance() const {
   constexpr double kShareOfSearch = 0.5;
   const bool searching = search_ || !wanted_.empty();
-  return (searching ? 1.0 - kShareOfSearch : 1.0) * options_.work_per_frame;
+  return (searching ? 1.0 - kShareOfSearch : 1.0) * work_;
+}
+
+void PieceSet::noteInterval(std::int64_t time_ns) {
+  work_ = frameWork(options_, last_frame_ns_ ? secondsBetween(*last_frame_ns_, time_ns) : 0.0);
+  last_frame_ns_ = time_ns;
 }
 
 // Without a marker that is another print than the one that the active piece knows.

@@ -73,6 +73,7 @@ class PieceSet {
   [[nodiscard]] std::unique_ptr<Piece> makePiece(Map map) const;
   [[nodiscard]] bool hasSeveral() const { return pieces_.size() > 1; }
   [[nodiscard]] double allowance() const;
+  void noteInterval(std::int64_t time_ns);
   std::span<const MarkerDetection> believed(const FrameInput& frame,
                                             std::span<const MarkerDetection> detections);
   [[nodiscard]] const MarkerDetection* otherPrint(
@@ -133,9 +134,11 @@ class PieceSet {
   int active_ = 0;
   int next_id_ = 1;
   std::optional<std::int64_t> last_pose_ns_;  // in any of them
-  bool hangs_on_one_ = false;                 // marker, since it was lost
-  std::unique_ptr<Piece> next_;               // not begun yet; null as long as it was not needed
-  std::map<int, int> owner_;  // the piece that a marker has its place in; empty with one piece
+  std::optional<std::int64_t> last_frame_ns_;
+  double work_ = 0.0;            // that the frame may spend, units of Options::work_per_frame
+  bool hangs_on_one_ = false;    // marker, since it was lost
+  std::unique_ptr<Piece> next_;  // not begun yet; null as long as it was not needed
+  std::map<int, int> owner_;     // the piece that a marker has its place in; empty with one piece
   std::map<int, Joined> joined_;
   std::set<int> anchored_;                // those that were found to be, with several
   std::set<std::pair<int, int>> wanted_;  // pieces that may be connected by now
