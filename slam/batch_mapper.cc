@@ -1,7 +1,7 @@
 #include "slam/batch_mapper.h"
 
 #include "slam/camera/lens_model.h"
-#include "slam/camera/pose_by_camera.h"
+#include "slam/covariance/pose_by_camera.h"
 #include "slam/optimization/map_optimizer.h"
 
 namespace waymark::slam {

@@ -6,10 +6,10 @@
 #include <optional>
 #include <span>
 
-#include "slam/camera/camera_uncertainty.h"
 #include "slam/camera/lens_knowledge.h"
 #include "slam/camera/lens_optimizer.h"
 #include "slam/camera/rolling_shutter_estimator.h"
+#include "slam/covariance/camera_uncertainty.h"
 #include "slam/covariance/map_covariance.h"
 #include "slam/geometry/camera_model.h"
 #include "slam/map/map.h"

@@ -21,12 +21,6 @@ std::string RollingShutterOptions::invalidReason() const {
   });
 }
 
-Eigen::Vector2d imageVelocity(const Eigen::Vector3d& p_c, const Twist& twist) {
-  const Eigen::Vector3d velocity = -twist.head<3>() - twist.tail<3>().cross(p_c);
-  const double iz = 1.0 / p_c.z();
-  return iz * (velocity.head<2>() - velocity.z() * iz * p_c.head<2>());
-}
-
 MarkerDetection atMidFrame(const MarkerDetection& seen, const CameraModel& camera,
                            const Twist& twist, const std::array<double, 4>& depth_m,
                            double readout_s) {

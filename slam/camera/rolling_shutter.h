@@ -11,19 +11,11 @@
 
 #include "slam/detection/marker_detection.h"
 #include "slam/geometry/camera_model.h"
+#include "slam/geometry/image_velocity.h"
 #include "slam/geometry/transform.h"
 #include "slam/geometry/twist.h"
 
 namespace waymark::slam {
-
-// How fast the image of a point in the camera frame moves, in normalized coordinates per second.
-// Precondition: p_c.z() > 0.
-[[nodiscard]] Eigen::Vector2d imageVelocity(const Eigen::Vector3d& p_c, const Twist& twist);
-
-// Time of a pixel row from the middle row's, in parts of the readout time: -0.5 to 0.5.
-[[nodiscard]] inline double rowTime(double row_px, int height_px) {
-  return row_px / (height_px - 1) - 0.5;
-}
 
 // The detection with `normalized`, given as seen, as at the middle row's time. depth_m: of each
 // corner.

@@ -13,7 +13,7 @@
 #include <map>
 #include <vector>
 
-#include "slam/camera/camera_uncertainty.h"
+#include "slam/covariance/camera_uncertainty.h"
 #include "slam/geometry/transform.h"
 #include "slam/map/map.h"
 

@@ -8,7 +8,7 @@
 #include <string>
 
 #include "base/task.h"
-#include "slam/camera/camera_uncertainty.h"
+#include "slam/covariance/camera_uncertainty.h"
 #include "slam/covariance/keyframe_information.h"
 #include "slam/covariance/marginals.h"
 #include "slam/covariance/world_covariance.h"

@@ -6,9 +6,9 @@
 #include <Eigen/Eigenvalues>
 #include <gtest/gtest.h>
 
-#include "slam/camera/pose_by_camera.h"
 #include "slam/camera/rolling_shutter.h"
 #include "slam/camera/undistort_map.h"
+#include "slam/covariance/pose_by_camera.h"
 #include "slam/optimization/map_optimizer.h"
 #include "slam/testing/scene.h"
 

@@ -14,7 +14,7 @@
 #pragma once
 
 #include "base/task.h"
-#include "slam/camera/camera_uncertainty.h"
+#include "slam/covariance/camera_uncertainty.h"
 #include "slam/covariance/keyframe_information.h"
 #include "slam/covariance/marginals.h"
 #include "slam/map/map.h"

@@ -1,4 +1,4 @@
-#include "slam/camera/pose_by_camera.h"
+#include "slam/covariance/pose_by_camera.h"
 
 #include <Eigen/Cholesky>
 

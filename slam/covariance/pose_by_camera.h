@@ -4,9 +4,9 @@
 #include <cstdint>
 #include <span>
 
-#include "slam/camera/camera_uncertainty.h"
 #include "slam/camera_pose/known_marker.h"
 #include "slam/camera_pose/pose_optimizer.h"
+#include "slam/covariance/camera_uncertainty.h"
 #include "slam/geometry/twist.h"
 
 namespace waymark::slam {

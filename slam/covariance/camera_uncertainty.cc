@@ -1,8 +1,8 @@
-#include "slam/camera/camera_uncertainty.h"
+#include "slam/covariance/camera_uncertainty.h"
 
 #include <Eigen/LU>
 
-#include "slam/camera/rolling_shutter.h"
+#include "slam/geometry/image_velocity.h"
 
 namespace waymark::slam {
 namespace {
