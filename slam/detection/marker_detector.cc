@@ -39,18 +39,13 @@ int shareOf(int left, double share, int least) {
   return std::max(static_cast<int>(share * left), least);
 }
 
-// Nothing, and why.
-std::nullopt_t count(std::uint64_t* reason) {
-  ++*reason;
-  return std::nullopt;
-}
-
 }  // namespace
 
 std::string DetectorOptions::invalidReason() const {
   return firstReason({
       scanner.invalidReason(),
       edges.invalidReason(),
+      soft.invalidReason(),
       decoder.invalidReason(),
       budget.invalidReason(),
       firstUnmet({
@@ -65,6 +60,8 @@ std::string DetectorOptions::invalidReason() const {
           {isPositive(known_centre) && isPositive(min_known_size) &&
                max_known_size >= min_known_size,
            "a known square's share and factors must be positive"},
+          {whole_reduced == 0 || whole_reduced == 2 || whole_reduced == 4,
+           "whole images can be searched at 1/2 or 1/4 of their size, too, or not at all"},
           {isNotNegative(same_place), "the share of a same place must not be negative"},
       }),
   });
@@ -76,18 +73,16 @@ MarkerDetector::MarkerDetector(const CameraModel& camera, Dictionary dictionary,
       options_(options),
       dictionary_(std::move(dictionary)),
       scanner_(options.scanner, options.budget),
-      refiner_(camera_, options.edges),
       decoder_(camera_, dictionary_, options.decoder),
+      measurer_(camera_, dictionary_, &decoder_, options.edges, options.soft),
       picker_(options.budget.turn_share) {
   rejected_.reserve(kMaxRejected);
-  rings_.reserve(static_cast<std::size_t>(dictionary_.size()));
-  for (int id = 0; id < dictionary_.size(); ++id) rings_.push_back(InnerRing::of(dictionary_, id));
 }
 
 const std::vector<MarkerDetection>& MarkerDetector::detect(const ImageView& image) {
   begin();
   left_ = {};
-  (void)scan(image, {.window = {0, 0, image.width, image.height}});
+  (void)scanAll(image);
   return finish();
 }
 
@@ -101,14 +96,31 @@ void MarkerDetector::begin() {
 }
 
 bool MarkerDetector::confirm(const ImageView& image, int id,
-                             const std::array<Eigen::Vector2d, 4>& corners, const SideFits* edges) {
+                             const std::array<Eigen::Vector2d, 4>& corners,
+                             const MeasuredMarker* before) {
   // What never was there costs as little as a look.
-  if (edges == nullptr && decoder_.read(image, corners).content == QuadContent::kNothing) {
+  if (before == nullptr && decoder_.read(image, corners).content == QuadContent::kNothing) {
     return false;
   }
-  const auto measured = measure(image, id, corners, edges);
-  if (measured) measured_.push_back(*measured);
-  return measured.has_value();
+  // Where edges were soft they may be sharp again.
+  const bool was_soft = before != nullptr && before->factor > 1;
+  const SideFits* const edges = before == nullptr || was_soft ? nullptr : &before->edges;
+  auto measured = counted(measurer_.measure(image, id, corners, edges));
+  if (!measured) measured = measurer_.readSoft(image, corners);
+  if (!measured || measured->detection.id != id) return false;
+  measured_.push_back(*measured);
+  return true;
+}
+
+// At the reduced size when it is its turn: what is no marker there is not looked at again so soon.
+ScanOutcome MarkerDetector::scanAll(const ImageView& image, std::uint32_t turn) {
+  const Window whole{0, 0, image.width, image.height};
+  const ScanOutcome outcome = scan(image, {.window = whole, .turn = turn});
+  const bool is_due = turn % static_cast<std::uint32_t>(options_.rejected_frames + 1) == 0;
+  if (outcome == ScanOutcome::kDone && options_.whole_reduced > 1 && is_due) {
+    (void)scan(image, {.window = whole, .factor = options_.whole_reduced, .turn = turn});
+  }
+  return outcome;
 }
 
 ScanOutcome MarkerDetector::scan(const ImageView& image, const SearchRegion& region, double share,
@@ -280,6 +292,10 @@ ScanOutcome MarkerDetector::scanReduced(const ImageView& image, const SearchRegi
     (void)scanWhole(image, {.window = around, .turn = region.turn},
                     allotment(0.0, Runs::kUnbounded, allowed.first_come_fits > 0));
     if (measured_.size() > before) continue;
+    if (const auto soft = measurer_.readSoft(image, *corners)) {
+      measured_.push_back(*soft);
+      continue;
+    }
     countFutileFit();
     reject(quad);
   }
@@ -323,9 +339,11 @@ void MarkerDetector::examine(const ImageView& image, const Quad& quad, float pro
     case QuadContent::kNothing:
       ++counters_.no_code;
       return reject(quad);
-    case QuadContent::kMarker:
-      return keep(quad, measure(image, reading.match.id, upright(*corners, reading.match.rotation),
-                                nullptr));
+    case QuadContent::kMarker: {
+      const auto measured = counted(measurer_.measure(
+          image, reading.match.id, upright(*corners, reading.match.rotation), nullptr));
+      return keep(quad, measured ? measured : measurer_.readSoft(image, *corners));
+    }
     case QuadContent::kNoCode:
       break;
   }
@@ -354,18 +372,15 @@ void MarkerDetector::fitUnclear(const ImageView& image, int most, std::uint32_t 
 
 std::optional<MeasuredMarker> MarkerDetector::readWithEdges(
     const ImageView& image, const std::array<Eigen::Vector2d, 4>& corners) {
-  std::optional<MeasuredMarker> measured;
-  const auto rough = refiner_.refine(image, corners, dictionary_.cells(), nullptr);
-  const QuadReading reading = rough ? decoder_.read(image, rough->normalized) : QuadReading{};
-  if (reading.content == QuadContent::kMarker) {
-    const Dictionary::Match& match = reading.match;
-    const SideFits edges = upright(rough->edges, match.rotation);
-    measured = measure(image, match.id, upright(rough->normalized, match.rotation), &edges);
-  } else {
-    ++(rough ? counters_.no_code : counters_.no_edge);
-  }
+  auto measured = counted(measurer_.read(image, corners));
+  if (!measured) measured = measurer_.readSoft(image, corners);
   if (!measured) countFutileFit();
   return measured;
+}
+
+std::optional<MeasuredMarker> MarkerDetector::counted(const Measurement& measurement) {
+  if (!measurement.marker) ++(measurement.has_edges ? counters_.no_code : counters_.no_edge);
+  return measurement.marker;
 }
 
 void MarkerDetector::keep(const Quad& quad, const std::optional<MeasuredMarker>& measured) {
@@ -374,27 +389,6 @@ void MarkerDetector::keep(const Quad& quad, const std::optional<MeasuredMarker>&
   } else {
     reject(quad);
   }
-}
-
-std::optional<MeasuredMarker> MarkerDetector::measure(const ImageView& image, int id,
-                                                      const std::array<Eigen::Vector2d, 4>& corners,
-                                                      const SideFits* edges) {
-  const auto exact = refiner_.refine(image, corners, dictionary_.cells(),
-                                     &rings_[static_cast<std::size_t>(id)], edges);
-  if (!exact) return count(&counters_.no_edge);
-  const QuadReading reading = decoder_.read(image, exact->normalized);
-  if (reading.content != QuadContent::kMarker || reading.match.id != id ||
-      reading.match.rotation != 0) {
-    return count(&counters_.no_code);
-  }
-  MeasuredMarker measured;
-  measured.detection.id = id;
-  measured.detection.hamming = reading.match.hamming;
-  measured.detection.pixels = exact->pixels;
-  measured.detection.normalized = exact->normalized;
-  measured.detection.covariance = exact->covariance;
-  measured.edges = exact->edges;
-  return measured;
 }
 
 // The same marker found with another threshold.

@@ -15,6 +15,7 @@
 #include "slam/detection/codes/marker_decoder.h"
 #include "slam/detection/edges/edge_refiner.h"
 #include "slam/detection/marker_detection.h"
+#include "slam/detection/marker_measurer.h"
 #include "slam/detection/quads/quad_scanner.h"
 #include "slam/detection/scan_budget.h"
 #include "slam/detection/search/reduced_image.h"
@@ -28,6 +29,7 @@ namespace waymark::slam {
 struct DetectorOptions {
   QuadScannerOptions scanner;
   EdgeRefinerOptions edges;
+  SoftEdgeOptions soft;
   MarkerDecoderOptions decoder;
   ScanBudgetOptions budget;
   // A square that was no marker is not looked at again for so many frames: light and blur may be
@@ -52,6 +54,9 @@ struct DetectorOptions {
   double known_centre = 0.1;
   double min_known_size = 0.8;
   double max_known_size = 1.25;
+  // Large blurred markers have no outline at the full size: whole images are searched at a quarter
+  // of it, too.
+  int whole_reduced = 4;
   // Two of the same id are two outlines of one border where the centres are within this share of
   // the diagonal; else they are two prints.
   double same_place = 0.25;
@@ -83,12 +88,6 @@ enum class ScanOutcome {
   kTooBusy,  // there was much more than the budget allows
 };
 
-// A marker in an image, and how its edges look there.
-struct MeasuredMarker {
-  MarkerDetection detection;
-  SideFits edges;
-};
-
 class MarkerDetector {
  public:
   // The camera must outlive the detector.
@@ -102,9 +101,9 @@ class MarkerDetector {
   // The same piece by piece: begin(), any number of confirm() and scan(), finish().
   void begin();
   // Whether marker `id` is near where it is expected: `corners` (normalized), good to a pixel and a
-  // half. `edges`: as they looked before; may be null.
+  // half. `before`: it, as it looked before; may be null.
   bool confirm(const ImageView& image, int id, const std::array<Eigen::Vector2d, 4>& corners,
-               const SideFits* edges);
+               const MeasuredMarker* before);
   // What all scans from one begin() to the next may look at; without one there is no bound.
   void setBudget(const ScanBudget& budget) { budget_ = left_ = budget; }
   // Learns that scans get on; may be null.
@@ -115,6 +114,8 @@ class MarkerDetector {
   enum class Runs { kBounded, kUnbounded };
   ScanOutcome scan(const ImageView& image, const SearchRegion& region, double share = 1.0,
                    Runs runs = Runs::kBounded);
+  // All of the image, and large blurred markers.
+  ScanOutcome scanAll(const ImageView& image, std::uint32_t turn = 0);
   // As of detect().
   const std::vector<MarkerDetection>& finish();
 
@@ -162,21 +163,18 @@ class MarkerDetector {
   void fitUnclear(const ImageView& image, int most, std::uint32_t turn);
   [[nodiscard]] std::optional<MeasuredMarker> readWithEdges(
       const ImageView& image, const std::array<Eigen::Vector2d, 4>& corners);
+  // Counts why there is none.
+  [[nodiscard]] std::optional<MeasuredMarker> counted(const Measurement& measurement);
   void keep(const Quad& quad, const std::optional<MeasuredMarker>& measured);
-  // What was read with rough corners has to stand with exact ones. `corners`: upright.
-  [[nodiscard]] std::optional<MeasuredMarker> measure(const ImageView& image, int id,
-                                                      const std::array<Eigen::Vector2d, 4>& corners,
-                                                      const SideFits* edges);
   [[nodiscard]] bool isKnown(const Quad& quad) const;
   void mergeOutlines();
 
   const CameraModel& camera_;
   DetectorOptions options_;
   Dictionary dictionary_;
-  std::vector<InnerRing> rings_;  // by id
   QuadScanner scanner_;
-  EdgeRefiner refiner_;
   MarkerDecoder decoder_;
+  MarkerMeasurer measurer_;
   DetectorCounters counters_;
   std::vector<MeasuredMarker> measured_;
   std::vector<MarkerDetection> detections_;

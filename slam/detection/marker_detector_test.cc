@@ -100,6 +100,22 @@ TEST_F(MarkerDetectorTest, WhatIsNoMarkerIsNotFound) {
   EXPECT_EQ(detector_.counters().quads, 4U) << "since the start";
 }
 
+// Nor is it looked for beyond the image's border, where a gradient looks like a soft edge.
+TEST_F(MarkerDetectorTest, AMarkerThatHasLeftTheImageIsNotConfirmed) {
+  draw(dictionary_, 3, 100, 80, 6);
+  ASSERT_EQ(detector_.detect(wall_.view()).size(), 1U);
+  const MeasuredMarker before = detector_.measured().front();
+  for (int y = 0; y < wall_.height(); ++y) {
+    for (int x = 0; x < wall_.width(); ++x) wall_.at(x, y) = static_cast<std::uint8_t>(y / 2);
+  }
+  for (const double by : {-1.0, -0.25, -0.2, 1.0}) {
+    std::array<Eigen::Vector2d, 4> corners = before.detection.normalized;
+    for (Eigen::Vector2d& corner : corners) corner.x() += by;
+    detector_.begin();
+    EXPECT_FALSE(detector_.confirm(wall_.view(), 3, corners, &before)) << by;
+  }
+}
+
 TEST_F(MarkerDetectorTest, CutOffMarkersAreNotFound) {
   draw(dictionary_, 3, camera_.width() - 48, 80, 6);  // up to the image's last column
   EXPECT_TRUE(detector_.detect(wall_.view()).empty());

@@ -35,7 +35,7 @@ Eigen::Vector2d inMarker(const BoardMarker& marker, const Eigen::Vector3d& point
 double medianBlur_px(const std::vector<slam::MeasuredMarker>& measured) {
   std::vector<double> blurs;
   for (const slam::MeasuredMarker& marker : measured) {
-    for (const slam::EdgeFit& edge : marker.edges) blurs.push_back(edge.blur_px);
+    for (const slam::EdgeFit& edge : marker.edges) blurs.push_back(marker.factor * edge.blur_px);
   }
   return blurs.empty() ? 0.0 : slam::median(std::move(blurs));
 }

@@ -5,6 +5,8 @@
 #include <cmath>
 #include <cstddef>
 
+#include <Eigen/LU>
+
 #include "base/vectorized.h"
 #include "slam/geometry/small_cholesky.h"
 #include "slam/option_checks.h"
@@ -20,11 +22,16 @@ using VectorU = Eigen::Matrix<double, kUnknowns, 1>;
 using MatrixU = Eigen::Matrix<double, kUnknowns, kUnknowns>;
 
 // What the normal equations are made of: H row by row of its lower triangle, the gradient, the sum
-// of squared residuals and that of the weights.
+// of squared residuals and that of the weights; and for a shift with a bow, H's third and fourth
+// moments along the edge and the second one of the gradient.
 constexpr std::size_t kTriangle = kUnknowns * (kUnknowns + 1) / 2;
 constexpr std::size_t kSquares = kTriangle + kUnknowns;
 constexpr std::size_t kWeights = kSquares + 1;
-constexpr std::size_t kSums = (kWeights + 1 + kLanes - 1) / kLanes * kLanes;  // and some of nothing
+constexpr std::size_t kThird = kWeights + 1;
+constexpr std::size_t kFourth = kThird + 1;
+constexpr std::size_t kGradientSecond = kFourth + 1;
+constexpr std::size_t kSums = kGradientSecond + 1;
+static_assert(kSums % kLanes == 0);
 
 struct NormalSums {
   alignas(32) std::array<float, kSums> sums{};
@@ -89,16 +96,17 @@ WAYMARK_INLINE void termsOf(const RowSums& s, const Lanes& t, std::array<Lanes, 
   const Lanes u = 1.0F - t;
   const Lanes c = t - 0.5F;
   const Lanes cc = c * c;
-  const Lanes none{};
-  *terms = {u * u * s.ss,                                                         // start
-            u * t * s.ss, t * t * s.ss,                                           // end
-            u * s.sl,     t * s.sl,     s.ll,                                     // white
-            u * s.sd,     t * s.sd,     s.ld,     s.dd,                           // black
-            u * s.sb,     t * s.sb,     s.lb,     s.db,     s.bb,                 // blur
-            c * u * s.sl, c * t * s.sl, c * s.ll, c * s.ld, c * s.lb, cc * s.ll,  // slopes
-            c * u * s.sd, c * t * s.sd, c * s.ld, c * s.dd, c * s.db, cc * s.ld, cc * s.dd,
-            u * s.sr,     t * s.sr,     s.lr,     s.dr,     s.br,     c * s.lr,  c * s.dr,
-            s.rr,         s.weights,    none,     none,     none};
+  const Lanes tt = t * t;
+  *terms = {u * u * s.ss,                                                               // start
+            u * t * s.ss, t * t * s.ss,                                                 // end
+            u * s.sl,     t * s.sl,     s.ll,                                           // white
+            u * s.sd,     t * s.sd,     s.ld,     s.dd,                                 // black
+            u * s.sb,     t * s.sb,     s.lb,     s.db,      s.bb,                      // blur
+            c * u * s.sl, c * t * s.sl, c * s.ll, c * s.ld,  c * s.lb,      cc * s.ll,  // slopes
+            c * u * s.sd, c * t * s.sd, c * s.ld, c * s.dd,  c * s.db,      cc * s.ld,
+            cc * s.dd,    u * s.sr,     t * s.sr, s.lr,      s.dr,          s.br,
+            c * s.lr,     c * s.dr,     s.rr,     s.weights, tt * t * s.ss, tt * tt * s.ss,
+            tt * s.sr};
 }
 
 // cut: squared residual at which a pixel's weight has fallen to a half (Cauchy's kernel).
@@ -190,6 +198,30 @@ WAYMARK_VECTORIZED void linearize(const EdgeRows& rows, const GroupNeighbours& n
   }
 }
 
+// The bow that the residuals of a straight edge show: of a shift a + b t + c t^2 the last.
+void findBow(const NormalSums& normal, double variance, EdgeFit* fit) {
+  const auto sum = [&](std::size_t k) { return static_cast<double>(normal.sums[k]); };
+  const double start = sum(0);  // sums of u^2, u t and t^2, with u = 1 - t
+  const double both = sum(1);
+  const double end = sum(2);
+  Eigen::Matrix3d M;
+  M << start + 2.0 * both + end, both + end, end,  //
+      both + end, end, sum(kThird),                //
+      end, sum(kThird), sum(kFourth);
+  const Eigen::Vector3d gradient(sum(kTriangle) + sum(kTriangle + 1), sum(kTriangle + 1),
+                                 sum(kGradientSecond));
+  Eigen::Matrix3d inverse;
+  bool invertible = false;
+  M.computeInverseWithCheck(inverse, invertible, 0.0);
+  const double straight = start * end - both * both;
+  if (!invertible || !inverse.allFinite() || !(straight > 0.0) || !(inverse(2, 2) > 0.0)) return;
+  // The middle of c t^2 is c / 4 below its chord, and the step is against the gradient.
+  fit->bow_px = 0.25 * inverse.row(2).dot(gradient);
+  fit->bow_variance = variance * inverse(2, 2) / 16.0;
+  fit->bent_variance =
+      variance * Eigen::Vector2d(inverse(0, 0) - end / straight, inverse.sum() - start / straight);
+}
+
 // How many samples count.
 WAYMARK_VECTORIZED int pixelsIn(const EdgeRows& rows) {
   IntLanes counted{};
@@ -235,6 +267,7 @@ std::optional<EdgeFit> fitEdge(const EdgeRows& rows, const EdgeFit& start,
   GroupNeighbours neighbours;
   findNeighbours(rows, static_cast<float>(kMaxGrowth * start.blur_px), &neighbours);
   MatrixU L;  // of the last iteration
+  NormalSums sums;
   // Where the levels are guessed, nothing is an outlier yet.
   double variance = start.variance > 0.0 ? start.variance : 1e9;
   for (int iteration = 0; iteration < options.iterations; ++iteration) {
@@ -243,7 +276,6 @@ std::optional<EdgeFit> fitEdge(const EdgeRows& rows, const EdgeFit& start,
     for (std::size_t i = 0; i < kUnknowns; ++i) {
       xf[i] = static_cast<float>(x[static_cast<Eigen::Index>(i)]);
     }
-    NormalSums sums;
     linearize(rows, neighbours, xf, cut, &sums);
     MatrixU H = sums.matrix();
     VectorU g = sums.gradient();
@@ -283,6 +315,7 @@ std::optional<EdgeFit> fitEdge(const EdgeRows& rows, const EdgeFit& start,
       variance * solveCholesky<kUnknowns>(L, VectorU::Unit(kShiftStart)).head<2>();
   fit.covariance.col(1) =
       variance * solveCholesky<kUnknowns>(L, VectorU::Unit(kShiftEnd)).head<2>();
+  findBow(sums, variance, &fit);
   return fit;
 }
 

@@ -23,6 +23,12 @@ struct EdgeFit {
   double white = 180.0;                                  // grey level outside
   double black = 50.0;                                   // grey level of the border
   double blur_px = 0.9;                                  // standard deviation of the point spread
+  // How far the edge's middle lies outwards of the line through its ends, if it is curved, and the
+  // variance of that, pixels.
+  double bow_px = 0.0;
+  double bow_variance = 0.0;
+  // What the shifts' variances at start and end have in addition where the bow is unknown, too.
+  Eigen::Vector2d bent_variance = Eigen::Vector2d::Zero();
   // Of the grey levels, without what does not fit. 0 where nothing is known: levels and blur are
   // guesses then.
   double variance = 0.0;

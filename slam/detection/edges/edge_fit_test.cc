@@ -11,6 +11,7 @@ namespace {
 struct Truth {
   double shift_start = 0.3;
   double shift_end = -0.2;
+  double bow_px = 0.0;  // outwards
   double blur_px = 0.8;
   double noise = 0.0;       // grey levels
   double thickness = 6.0;   // of the border, pixels
@@ -43,7 +44,8 @@ EdgeRows render(const Truth& truth, double reach, std::mt19937* rng) {
     row.ring_white = truth.white_ring && truth.ring_known ? 1.0F : 0.0F;
     const auto number = static_cast<std::size_t>(along - kEnd);
     rows.set(number, row);
-    const double shift = truth.shift_start + t * (truth.shift_end - truth.shift_start);
+    const double shift = truth.shift_start + t * (truth.shift_end - truth.shift_start) +
+                         4.0 * t * (1.0 - t) * truth.bow_px;
     for (std::size_t k = 0; k < rows.across(); ++k) {
       const double d = nearest + static_cast<double>(k);
       double dark = gaussian((shift - d) / truth.blur_px);
@@ -101,6 +103,27 @@ TEST_F(EdgeFitTest, CovarianceIsHonest) {
   }
   EXPECT_NEAR(squares / kTrials, 1.0, 0.25);
   EXPECT_LT(std::abs(bias / kTrials), 0.005);
+}
+
+TEST_F(EdgeFitTest, ABowShowsInTheResidualsOfAStraightEdge) {
+  Truth truth;
+  truth.noise = 2.0;
+  double chi2_of_straight = 0.0;
+  constexpr int kTrials = 100;
+  for (int i = 0; i < kTrials; ++i) {
+    const auto fit = fitEdge(render(truth, 3.0, &rng_), {}, options_);
+    ASSERT_TRUE(fit);
+    chi2_of_straight += fit->bow_px * fit->bow_px / fit->bow_variance / kTrials;
+  }
+  EXPECT_NEAR(chi2_of_straight, 1.0, 0.5);
+  for (const double bow : {-0.5, 0.3}) {
+    truth.bow_px = bow;
+    const auto fit = fitEdge(render(truth, 3.0, &rng_), {}, options_);
+    ASSERT_TRUE(fit);
+    EXPECT_NEAR(fit->bow_px, bow, 0.1);
+    EXPECT_GT(fit->bow_px * fit->bow_px, 25.0 * fit->bow_variance);
+    EXPECT_GT(fit->bent_variance.minCoeff(), 0.0);
+  }
 }
 
 // A white cell two and a half pixels behind the edge pulls an ignorant fit; knowing it is there

@@ -19,15 +19,17 @@ struct SideWindow {
   double end_margin;
 };
 
-SideWindow windowFor(const MarkerSide& side, double blur_px, bool code_known,
+// soft: what is behind the paper may blur into its quiet zone.
+SideWindow windowFor(const MarkerSide& side, double blur_px, bool code_known, bool soft,
                      const EdgeWindowOptions& options) {
   const double wanted = options.reach_per_blur * blur_px + options.reach_px;
   const double border = std::min(side.thickness_start, side.thickness_end);
   const auto within = [&](double share) {
     return std::clamp(wanted, options.min_reach_px, std::max(options.min_reach_px, share * border));
   };
+  const double clear = soft ? 1.0 - options.behind_per_blur * blur_px / border : 1.0;
   return {
-      within(options.max_outside),
+      within(std::min(options.max_outside, clear)),
       within(code_known ? options.max_inside : options.max_inside_without_code),
       std::min(options.end_per_blur * blur_px + options.end_px, options.max_end * side.length_px)};
 }
@@ -47,7 +49,8 @@ struct Corner {
 
 // Where the end of side `in` meets the start of side `out`. Empty when they are nearly parallel.
 std::optional<Corner> intersect(const MarkerSide& in, const EdgeFit& in_fit, const MarkerSide& out,
-                                const EdgeFit& out_fit, const EdgeRefinerOptions& options) {
+                                const EdgeFit& out_fit, const Eigen::Vector2d& side_variance,
+                                double systematic_px, const EdgeRefinerOptions& options) {
   Eigen::Matrix2d normals;
   normals.row(0) = in.outward;
   normals.row(1) = out.outward;
@@ -58,10 +61,11 @@ std::optional<Corner> intersect(const MarkerSide& in, const EdgeFit& in_fit, con
   if (!corner.normalized.allFinite()) return std::nullopt;
   // A corner moves so that both lines still pass through it: normals * d = (shift in, shift out).
   const Eigen::Matrix2d inverse = normals.inverse();
-  const Eigen::Vector2d variance(in_fit.covariance(1, 1) / (in.scale_end * in.scale_end),
-                                 out_fit.covariance(0, 0) / (out.scale_start * out.scale_start));
+  const Eigen::Vector2d variance(
+      (in_fit.covariance(1, 1) + side_variance[0]) / (in.scale_end * in.scale_end),
+      (out_fit.covariance(0, 0) + side_variance[1]) / (out.scale_start * out.scale_start));
   corner.covariance = inverse * variance.asDiagonal() * inverse.transpose();
-  const double systematic = options.systematic_sigma_px / in.scale_end;
+  const double systematic = systematic_px / in.scale_end;
   corner.covariance.diagonal().array() += systematic * systematic;
   return corner;
 }
@@ -169,15 +173,95 @@ int inRange(double value, int last) {
   return value < last ? static_cast<int>(value) : last;
 }
 
+// Residuals of a fit outside of its edge: in the nearer and in the farther half of what is `far`
+// away, pixels. Sums, and of how many.
+struct Bands {
+  float far = 0.0F;
+  float near_sum = 0.0F, near_count = 0.0F, far_sum = 0.0F, far_count = 0.0F;
+};
+
+WAYMARK_VECTORIZED void sumBands(const EdgeRows& rows, const EdgeFit& fit, Bands* bands) {
+  const auto f = [](double value) { return static_cast<float>(value); };
+  const float white = f(fit.white);
+  const float contrast = f(fit.white - fit.black);
+  const float per_blur = 1.0F / f(fit.blur_px);
+  const float start = f(fit.shift_start);
+  const float slope = f(fit.shift_end - fit.shift_start);
+  const float near_from = 0.5F * bands->far;
+  const Lanes none{};
+  Lanes near_sum{};
+  Lanes near_count{};
+  Lanes far_sum{};
+  Lanes far_count{};
+  for (std::size_t i = 0; i < rows.rows(); i += kLanes) {
+    const Lanes innermost = lanesAt(rows.innermost.data(), i);
+    const Lanes outermost = lanesAt(rows.outermost.data(), i);
+    const Lanes shift = start + slope * lanesAt(rows.t.data(), i);
+    const float* const grey = rows.grey(i);
+    Lanes distance = lanesAt(rows.distance.data(), i);
+    for (std::size_t k = 0; k < rows.across(); ++k) {
+      const Lanes outside = distance - shift;
+      BlurredStep<Lanes> edge;
+      blurredStepAt(-outside * per_blur, &edge);
+      const Lanes residual = lanesAt(grey, k * kLanes) - (white - contrast * edge.height);
+      const IntLanes counts = (distance >= innermost) & (distance <= outermost);
+      const IntLanes far = counts & (outside >= bands->far);
+      const IntLanes near = counts & (outside >= near_from) & (outside < bands->far);
+      near_sum += near ? residual : none;
+      near_count += near ? none + 1.0F : none;
+      far_sum += far ? residual : none;
+      far_count += far ? none + 1.0F : none;
+      distance += lanesAt(rows.step.data(), i);
+    }
+  }
+  for (std::size_t lane = 0; lane < kLanes; ++lane) {
+    bands->near_sum += near_sum[lane];
+    bands->near_count += near_count[lane];
+    bands->far_sum += far_sum[lane];
+    bands->far_count += far_count[lane];
+  }
+}
+
+// The variance of a side by what is behind the paper, pixels squared.
+double marginVariance(const EdgeRows& rows, const EdgeFit& fit, const EdgeRefinerOptions& options) {
+  Bands bands{.far = static_cast<float>(options.margin_far * fit.blur_px)};
+  sumBands(rows, fit, &bands);
+  if (bands.near_count == 0.0F || bands.far_count == 0.0F) return 0.0;
+  const double darker = double{bands.near_sum} / double{bands.near_count} -
+                        double{bands.far_sum} / double{bands.far_count};
+  const double variance =
+      fit.variance * (1.0 / double{bands.near_count} + 1.0 / double{bands.far_count});
+  if (darker < 0.0 || darker * darker < options.margin_chi2 * variance) return 0.0;
+  const double sigma_px = options.margin_sigma * darker / (fit.white - fit.black) * fit.blur_px;
+  return sigma_px * sigma_px;
+}
+
+// What is not in the variance of a soft side's fit, pixels squared.
+double softVariance(const EdgeRows& rows, const EdgeFit& fit, const MarkerSide& side,
+                    const EdgeRefinerOptions& options) {
+  const double thickness = std::min(side.thickness_start, side.thickness_end);
+  const double narrow = std::max(fit.blur_px / thickness - options.narrow_border, 0.0);
+  const double by_cells = options.narrow_border_sigma * narrow * fit.blur_px;
+  return by_cells * by_cells + marginVariance(rows, fit, options);
+}
+
+constexpr double kGrownBlur = 1.25;
+
 double largestShift(const EdgeFit& fit) {
   return std::max(std::abs(fit.shift_start), std::abs(fit.shift_end));
+}
+
+bool isBent(const EdgeFit& fit, const EdgeRefinerOptions& options) {
+  return std::abs(fit.bow_px) > options.min_bow_px &&
+         fit.bow_px * fit.bow_px > options.bow_chi2 * fit.bow_variance;
 }
 
 }  // namespace
 
 std::string EdgeWindowOptions::invalidReason() const {
   return firstUnmet({
-      {isNotNegative(reach_per_blur) && isNotNegative(reach_px) && isPositive(min_reach_px),
+      {isNotNegative(reach_per_blur) && isNotNegative(reach_px) && isPositive(min_reach_px) &&
+           isNotNegative(behind_per_blur),
        "the reach of a side's window must be positive"},
       {isPositive(max_outside) && isPositive(max_inside) && isPositive(max_inside_without_code),
        "the shares of a border that a side's window may take must be positive"},
@@ -196,6 +280,14 @@ std::string EdgeRefinerOptions::invalidReason() const {
           {rows_rough >= 1 && rows_fine >= 1, "a side needs at least 1 row of pixels"},
           {isNotNegative(settled_shift_px), "the shift of a settled side must not be negative"},
           {passes >= 1, "a side needs at least 1 fit"},
+          {isNotNegative(bow_chi2) && isNotNegative(min_bow_px) && isNotNegative(bow_share),
+           "chi-square, size and share of a side's bow must not be negative"},
+          {isNotNegative(soft_blur_px) && isNotNegative(narrow_border) &&
+               isNotNegative(narrow_border_sigma),
+           "blur, share and sigma of a narrow border must not be negative"},
+          {isNotNegative(margin_chi2) && isPositive(margin_far) && isNotNegative(margin_sigma),
+           "what tells of a narrow margin must not be negative"},
+          {bent_passes >= 0, "the fits of a bent side must not be negative"},
           {isNotNegative(systematic_sigma_px), "the systematic sigma must not be negative"},
           {min_corner_sine >= 0.0 && min_corner_sine < 1.0,
            "the least sine of a corner's angle must be from 0 to less than 1"},
@@ -222,11 +314,13 @@ InnerRing InnerRing::of(const Dictionary& dictionary, int id) {
 EdgeRefiner::EdgeRefiner(const CameraModel& camera, const EdgeRefinerOptions& options)
     : camera_(camera), options_(options) {}
 
-void EdgeRefiner::layOutRows(const ImageView& image, const std::array<MarkerSide, 4>& sides,
+void EdgeRefiner::layOutRows(const PlacedImage& placed, const std::array<MarkerSide, 4>& sides,
                              std::size_t index, const InnerRing* ring, int max_rows,
                              double blur_px) {
+  const ImageView& image = placed.image;
   const MarkerSide& side = sides[index];
-  const SideWindow window = windowFor(side, blur_px, ring != nullptr, options_.window);
+  const SideWindow window =
+      windowFor(side, blur_px, ring != nullptr, isSoft(blur_px, placed), options_.window);
   // Rows follow each other along the side's longer axis, and cross it along the other.
   const Eigen::Vector2d delta_px = side.end_px - side.start_px;
   const Eigen::Index major = std::abs(delta_px.x()) >= std::abs(delta_px.y()) ? 0 : 1;
@@ -275,44 +369,84 @@ void EdgeRefiner::layOutRows(const ImageView& image, const std::array<MarkerSide
   }
 }
 
-std::optional<RefinedQuad> EdgeRefiner::refine(const ImageView& image,
+std::optional<RefinedQuad> EdgeRefiner::refine(const PlacedImage& placed,
                                                const std::array<Eigen::Vector2d, 4>& corners,
                                                int cells, const InnerRing* ring,
                                                const SideFits* edges) {
   RefinedQuad quad;
   quad.normalized = corners;
-  SideFits& fits = quad.edges;
   if (edges != nullptr) {
-    fits = *edges;
+    quad.edges = *edges;
   } else {
-    for (EdgeFit& fit : fits) fit.blur_px = options_.initial_blur_px;
+    for (EdgeFit& fit : quad.edges) fit.blur_px = options_.initial_blur_px;
   }
 
   const bool rough_first = ring != nullptr && edges == nullptr;
+  SideShapes shapes;
   bool settled = false;
-  for (int pass = rough_first ? -1 : 0; pass < options_.passes && !settled; ++pass) {
-    const auto sides = layOutSides(camera_, quad.normalized, cells);
+  for (int pass = rough_first ? -1 : 0; pass < shapes.passes(options_) && !settled; ++pass) {
+    auto sides = layOutSides(camera_, quad.normalized, cells);
     if (!sides) return std::nullopt;
+    for (std::size_t k = 0; k < 4; ++k) {
+      (*sides)[k].placeIn(placed);
+      if (shapes.bow_px[k] != 0.0) (*sides)[k].bend(shapes.bow_px[k]);
+    }
     const int rows = pass < 0 || ring == nullptr ? options_.rows_rough : options_.rows_fine;
     settled = pass >= 0;
     for (std::size_t k = 0; k < 4; ++k) {
-      fits[k].shift_start = fits[k].shift_end = 0.0;
-      layOutRows(image, *sides, k, ring, rows, fits[k].blur_px);
-      const auto fit = fitEdge(rows_, fits[k], options_.fit);
-      if (!fit) return std::nullopt;
-      fits[k] = *fit;
-      settled = settled && largestShift(*fit) < options_.settled_shift_px;
+      EdgeFit& fit = quad.edges[k];
+      const double blur_px = fit.blur_px;
+      fit.shift_start = fit.shift_end = 0.0;
+      layOutRows(placed, *sides, k, ring, rows, blur_px);
+      const auto fitted = fitEdge(rows_, fit, options_.fit);
+      if (!fitted) return std::nullopt;
+      fit = *fitted;
+      // A window for less blur than there is sees too little of the edge.
+      settled = settled && largestShift(fit) < options_.settled_shift_px &&
+                fit.blur_px < kGrownBlur * blur_px;
+      if (pass < 0 || ring == nullptr) continue;
+      shapes.blur_variance[k] =
+          isSoft(fit.blur_px, placed) ? softVariance(rows_, fit, (*sides)[k], options_) : 0.0;
+      if (!isBent(fit, options_)) continue;
+      shapes.bow_px[k] += fit.bow_px;
+      settled = false;
     }
-    for (std::size_t k = 0; k < 4; ++k) {
-      const std::size_t before = (k + 3) % 4;
-      const auto corner = intersect((*sides)[before], fits[before], (*sides)[k], fits[k], options_);
-      if (!corner) return std::nullopt;
-      quad.normalized[k] = corner->normalized;
-      quad.covariance[k] = corner->covariance;
-    }
+    if (!meetSides(*sides, shapes, &quad)) return std::nullopt;
   }
-  for (std::size_t k = 0; k < 4; ++k) quad.pixels[k] = camera_.distort(quad.normalized[k]);
+  for (std::size_t k = 0; k < 4; ++k) {
+    quad.pixels[k] = camera_.distort(quad.normalized[k]);
+    quad.edges[k].bow_px = shapes.bow_px[k];
+  }
   return quad;
+}
+
+bool EdgeRefiner::meetSides(const std::array<MarkerSide, 4>& sides, const SideShapes& shapes,
+                            RefinedQuad* quad) const {
+  const double systematic_px =
+      std::hypot(options_.systematic_sigma_px, options_.bow_share * shapes.largestBow_px());
+  const auto variance = [&](std::size_t k, Eigen::Index end) {
+    const double by_bow = shapes.bow_px[k] == 0.0 ? 0.0 : quad->edges[k].bent_variance[end];
+    return shapes.blur_variance[k] + by_bow;
+  };
+  for (std::size_t k = 0; k < 4; ++k) {
+    const std::size_t before = (k + 3) % 4;
+    const auto corner = intersect(sides[before], quad->edges[before], sides[k], quad->edges[k],
+                                  {variance(before, 1), variance(k, 0)}, systematic_px, options_);
+    if (!corner) return false;
+    quad->normalized[k] = corner->normalized;
+    quad->covariance[k] = corner->covariance;
+  }
+  return true;
+}
+
+double EdgeRefiner::SideShapes::largestBow_px() const {
+  double largest = 0.0;
+  for (const double bow : bow_px) largest = std::max(largest, std::abs(bow));
+  return largest;
+}
+
+int EdgeRefiner::SideShapes::passes(const EdgeRefinerOptions& options) const {
+  return options.passes + (largestBow_px() > 0.0 ? options.bent_passes : 0);
 }
 
 }  // namespace waymark::slam

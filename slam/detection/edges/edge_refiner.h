@@ -15,6 +15,7 @@
 #include "slam/detection/edges/edge_fit.h"
 #include "slam/detection/edges/edge_rows.h"
 #include "slam/detection/edges/marker_side.h"
+#include "slam/detection/edges/placed_image.h"
 #include "slam/geometry/camera_model.h"
 
 namespace waymark::slam {
@@ -31,6 +32,8 @@ struct EdgeWindowOptions {
   double max_outside = 0.9;
   double max_inside = 1.0;
   double max_inside_without_code = 0.6;
+  // Outside of soft edges, where what is behind the paper blurs into its quiet zone: left out.
+  double behind_per_blur = 1.5;  // pixels a pixel of blur
   // At the ends, where the corners are round: left out.
   double end_per_blur = 1.2;  // pixels a pixel of blur
   double end_px = 0.5;        // and these
@@ -54,6 +57,29 @@ struct EdgeRefinerOptions {
   // Where the edge was far from the first guess, the window is laid around it and fitted again: so
   // many fits at most. The second one is as good as any later one.
   int passes = 2;
+  // A side is curved (bent paper, a lens that is not as given) where its bow has a chi-square
+  // beyond this, and is as large as this, pixels ...
+  double bow_chi2 = 25.0;
+  double min_bow_px = 0.1;
+  // ... it is fitted so often again around the curve, at most ...
+  int bent_passes = 3;
+  // ... and as the corners of bent paper are not those of a square, all four may be off by this
+  // share of the largest bow. More takes weight from flat prints whose sides a lens bends.
+  double bow_share = 0.5;
+  // What follows is for soft edges: with this blur and more, pixels of the camera's image.
+  double soft_blur_px = 1.25;
+  // Where the blur is a larger share of the border's thickness than `narrow_border`, cells and what
+  // is behind the paper reach the edge in ways that no model has. The error of a side by that, in
+  // units of the blur, for each unit of the share.
+  double narrow_border = 0.15;
+  double narrow_border_sigma = 0.3;
+  // Where the paper's margin is narrow, what is behind it darkens the window's outer end: beyond
+  // `margin_far` standard deviations of the blur residuals are darker than nearer to the edge,
+  // beyond chance (chi-square), by a share of the contrast. For each unit of that share the side is
+  // off by `margin_sigma` standard deviations of the blur.
+  double margin_chi2 = 9.0;
+  double margin_far = 2.0;
+  double margin_sigma = 8.0;
   // Sides that meet at an angle with a smaller sine than this have no corner worth its name.
   double min_corner_sine = 0.05;
   // Error of a corner that the grey levels do not show (print, paper, lens model), pixels.
@@ -83,7 +109,7 @@ struct InnerRing {
 using SideFits = std::array<EdgeFit, 4>;
 
 struct RefinedQuad {
-  std::array<Eigen::Vector2d, 4> pixels;      // distorted
+  std::array<Eigen::Vector2d, 4> pixels;      // distorted, of the camera's image
   std::array<Eigen::Vector2d, 4> normalized;  // undistorted
   std::array<Eigen::Matrix2d, 4> covariance;  // of normalized
   SideFits edges;
@@ -97,17 +123,33 @@ class EdgeRefiner {
   // `corners`: normalized, clockwise in the image, good to about a pixel and a half. `cells`: cells
   // along a side with the border. `ring` (may be null: the code is not known, and the corners come
   // out roughly) must be in the order of the corners. `edges`: how they looked a frame before, or
-  // in a rough refinement; without it (null) there is a rough one first. Empty when a side has too
-  // little contrast or too few pixels, or runs away from the guess.
-  [[nodiscard]] std::optional<RefinedQuad> refine(const ImageView& image,
+  // in a rough refinement, in an image of the same factor; without it (null) there is a rough one
+  // first. Empty when a side has too little contrast or too few pixels, or runs away from the
+  // guess.
+  [[nodiscard]] std::optional<RefinedQuad> refine(const PlacedImage& image,
                                                   const std::array<Eigen::Vector2d, 4>& corners,
                                                   int cells, const InnerRing* ring,
                                                   const SideFits* edges = nullptr);
 
  private:
   // Fills rows_ with the pixels near side `index`.
-  void layOutRows(const ImageView& image, const std::array<MarkerSide, 4>& sides, std::size_t index,
-                  const InnerRing* ring, int max_rows, double blur_px);
+  void layOutRows(const PlacedImage& placed, const std::array<MarkerSide, 4>& sides,
+                  std::size_t index, const InnerRing* ring, int max_rows, double blur_px);
+  [[nodiscard]] bool isSoft(double blur_px, const PlacedImage& placed) const {
+    return placed.factor * blur_px >= options_.soft_blur_px;
+  }
+
+  // What straight, clean sides do not have.
+  struct SideShapes {
+    std::array<double, 4> bow_px{};         // outwards; 0 where a side is straight
+    std::array<double, 4> blur_variance{};  // of a soft side's place, pixels squared
+
+    [[nodiscard]] double largestBow_px() const;
+    [[nodiscard]] int passes(const EdgeRefinerOptions& options) const;
+  };
+  // The corners, from the sides' fits. False where two sides are nearly parallel.
+  [[nodiscard]] bool meetSides(const std::array<MarkerSide, 4>& sides, const SideShapes& shapes,
+                               RefinedQuad* quad) const;
 
   const CameraModel& camera_;
   EdgeRefinerOptions options_;

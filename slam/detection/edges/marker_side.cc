@@ -72,6 +72,24 @@ bool layOutPrint(const Eigen::Matrix3d& H, const Eigen::Vector2d& a, const Eigen
 
 }  // namespace
 
+void MarkerSide::placeIn(const PlacedImage& placed) {
+  start_px = placed.fromCamera(start_px);
+  end_px = placed.fromCamera(end_px);
+  curve_px[0] = placed.fromCamera(curve_px[0]);
+  for (std::size_t k = 1; k < curve_px.size(); ++k) curve_px[k] /= placed.factor;
+  for (double* const scaled :
+       {&length_px, &scale_start, &scale_end, &thickness_start, &thickness_end}) {
+    *scaled /= placed.factor;
+  }
+}
+
+void MarkerSide::bend(double bow_px) {
+  const Eigen::Vector2d along_px = (end_px - start_px).normalized();
+  const Eigen::Vector2d outward_px(along_px.y(), -along_px.x());
+  curve_px[1] += 4.0 * bow_px * outward_px;  // 4 t (1 - t) of it
+  curve_px[2] -= 4.0 * bow_px * outward_px;
+}
+
 std::optional<std::array<MarkerSide, 4>> layOutSides(const CameraModel& camera,
                                                      const std::array<Eigen::Vector2d, 4>& corners,
                                                      int cells) {

@@ -6,6 +6,7 @@
 
 #include <Eigen/Core>
 
+#include "slam/detection/edges/placed_image.h"
 #include "slam/geometry/camera_model.h"
 
 namespace waymark::slam {
@@ -37,6 +38,10 @@ struct MarkerSide {
   [[nodiscard]] double printCoordinate(double t) const {
     return cells * t / (t + perspective * (1.0 - t));
   }
+  // Curves it in the image: its middle goes outwards by so many pixels, its ends stay.
+  void bend(double bow_px);
+  // Everything in pixels, from the camera's to those of an image that may be reduced.
+  void placeIn(const PlacedImage& placed);
 };
 
 // `corners`: normalized, clockwise in the image; side k runs from corner k to corner k + 1.

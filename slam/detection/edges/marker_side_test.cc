@@ -50,6 +50,30 @@ TEST(MarkerSide, AgreesWithTheProjection) {
   }
 }
 
+TEST(MarkerSide, IsPlacedInAReducedImageAndBent) {
+  const CameraModel camera(testing::testCalibration());
+  const std::array<Eigen::Vector2d, 4> corners = {
+      Eigen::Vector2d(0.0, 0.0), Eigen::Vector2d(0.2, 0.02), Eigen::Vector2d(0.21, 0.2),
+      Eigen::Vector2d(0.01, 0.19)};
+  const auto sides = layOutSides(camera, corners, 8);
+  ASSERT_TRUE(sides);
+  const MarkerSide& side = (*sides)[0];
+  const Eigen::Vector2d origin(31.5, 21.5);
+  MarkerSide placed = side;
+  placed.placeIn({{}, origin, 4});
+  EXPECT_NEAR(placed.length_px, 0.25 * side.length_px, 1e-9);
+  EXPECT_NEAR(placed.thickness_end, 0.25 * side.thickness_end, 1e-9);
+  EXPECT_NEAR(placed.scale_start, 0.25 * side.scale_start, 1e-9);
+  MarkerSide bent = placed;
+  bent.bend(2.0);
+  for (const double t : {0.0, 0.3, 0.5, 1.0}) {
+    EXPECT_LT((placed.pixelAt(t) - 0.25 * (side.pixelAt(t) - origin)).norm(), 1e-9);
+    const Eigen::Vector2d moved = bent.pixelAt(t) - placed.pixelAt(t);
+    EXPECT_NEAR(moved.norm(), 8.0 * t * (1.0 - t), 1e-9);
+    EXPECT_LE(moved.y(), 0.0) << "outwards of the upper side";
+  }
+}
+
 TEST(MarkerSide, HasNoSidesWithoutAQuad) {
   const CameraModel camera(testing::testCalibration());
   std::array<Eigen::Vector2d, 4> point;

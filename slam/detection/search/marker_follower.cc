@@ -98,7 +98,7 @@ bool MarkerFollower::follow(const ImageView& image, std::span<const ExpectedMark
     }
     const Eigen::Vector2d without_innovation = centreOf(corners);
     shift(innovation, &corners);
-    const bool confirmed = detector_.confirm(image, last.id, corners, &followed.measured.edges);
+    const bool confirmed = detector_.confirm(image, last.id, corners, &followed.measured);
     const MeasuredMarker* const measured =
         confirmed ? &detector_.measured().back() : searchAround(image, corners, last.id);
     if (measured == nullptr) continue;
@@ -130,8 +130,9 @@ void MarkerFollower::scanWhole(const ImageView& image, double interval_s) {
     scanAll(image, schedule_.next(interval_s, budget_.busy_frames));
     return;
   }
-  const SearchRegion whole{.window = {0, 0, image.width, image.height}, .turn = whole_scans_++};
-  if (detector_.scan(image, whole) == ScanOutcome::kDone) return;
+  // Images that nothing is followed in may have nothing to do with each other.
+  const std::uint32_t turn = options_.enabled ? whole_scans_++ : 0;
+  if (detector_.scanAll(image, turn) == ScanOutcome::kDone) return;
   mode_ = SearchMode::kInTurns;
   becomeBusy();
 }
