@@ -6,6 +6,7 @@
 #include <cmath>
 #include <fstream>
 #include <iterator>
+#include <limits>
 #include <sstream>
 #include <string>
 #include <string_view>
@@ -15,6 +16,7 @@
 #include <opencv2/core.hpp>
 #include <opencv2/imgcodecs.hpp>
 
+#include "base/coded_image.h"
 #include "base/decimal_seconds.h"
 #include "base/image_view.h"
 
@@ -75,44 +77,22 @@ Result<std::vector<ImageFile>> readTimes(const fs::path& times_file) {
   return files;
 }
 
-// Has it the beginning of a JPEG and not its end? OpenCV shows such pictures, grey below. What
-// follows the end mark (a camera's own trailers) does not count, nor does one within a segment (a
-// thumbnail's).
-bool isCutOffJpeg(const fs::path& path) {
+Result<cv::Mat> readGrey(const fs::path& path) {
+  const Error unreadable{path.string() + ": is not a readable image"};
   std::error_code error;
-  if (!fs::is_regular_file(path, error)) return false;
+  if (!fs::is_regular_file(path, error)) return unreadable;  // opening a FIFO waits for its writer
   std::ifstream stream(path, std::ios::binary);
-  std::string head(2, '\0');
-  if (!stream.read(head.data(), 2) || head != "\xff\xd8") return false;
-  const std::string rest{std::istreambuf_iterator<char>(stream), {}};
-  const auto byte = [&](std::size_t i) { return static_cast<unsigned char>(rest[i]); };
-  std::size_t at = 0;
-  while (at + 1 < rest.size()) {
-    const unsigned char mark = byte(at + 1);
-    // Pictures' data, stuffed FF (FF 00), restarts (FF D0 to D7), and fill bytes before a mark.
-    const bool data = byte(at) != 0xFF || mark == 0 || (mark >= 0xD0 && mark <= 0xD7);
-    if (data || mark == 0xFF) {
-      at += data && byte(at) == 0xFF ? 2 : 1;
-    } else if (mark == 0xD9) {
-      return false;
-    } else if (at + 3 < rest.size()) {
-      at += 2U + (std::size_t{byte(at + 2)} << 8U) + byte(at + 3);  // a segment with its length
-    } else {
-      break;
-    }
-  }
-  return true;
-}
-
-// Empty when OpenCV cannot read it.
-cv::Mat readGrey(const fs::path& path) {
-  std::error_code error;
-  if (fs::is_fifo(path, error)) return {};  // opening it waits for who writes into it
+  std::string bytes{std::istreambuf_iterator<char>(stream), {}};
+  if (!stream || bytes.empty() || bytes.size() > std::numeric_limits<int>::max()) return unreadable;
+  if (const char* fault = imageFault(bytes)) return Error{path.string() + ": " + fault};
+  const cv::Mat coded(1, static_cast<int>(bytes.size()), CV_8U, bytes.data());
   try {
-    return cv::imread(path.string(), cv::IMREAD_GRAYSCALE | cv::IMREAD_IGNORE_ORIENTATION);
+    cv::Mat grey = cv::imdecode(coded, cv::IMREAD_GRAYSCALE | cv::IMREAD_IGNORE_ORIENTATION);
+    if (!grey.empty()) return grey;
   } catch (const cv::Exception&) {
-    return {};
+    // As of an image that has none.
   }
+  return unreadable;
 }
 
 class ImageDirectorySource final : public FrameSource {
@@ -133,9 +113,9 @@ class ImageDirectorySource final : public FrameSource {
     FramePtr frame = pool_.acquire();
     if (!frame) return TimedOut{};  // nothing is lost: the next call goes on here
     const ImageFile& file = files_[next_];
-    if (isCutOffJpeg(file.path)) return Error{file.path.string() + ": is cut off"};
-    const cv::Mat image = readGrey(file.path);
-    if (image.empty()) return Error{file.path.string() + ": is not a readable image"};
+    const Result<cv::Mat> decoded = readGrey(file.path);
+    if (!decoded) return decoded.error();
+    const cv::Mat& image = *decoded;
     if (image.cols != info_.width || image.rows != info_.height) {
       return Error{file.path.string() + ": is " + sizeText(image.cols, image.rows) +
                    ", the images before are " + sizeText(info_.width, info_.height)};
@@ -179,10 +159,10 @@ Result<std::unique_ptr<FrameSource>> openImageDirectory(const fs::path& path,
       files[i].time_ns = std::llround(1e9 * static_cast<double>(i) / info.rate_hz);
     }
   }
-  const cv::Mat first = readGrey(files.front().path);
-  if (first.empty()) return Error{files.front().path.string() + ": is not a readable image"};
-  info.width = first.cols;
-  info.height = first.rows;
+  const Result<cv::Mat> first = readGrey(files.front().path);
+  if (!first) return first.error();
+  info.width = first->cols;
+  info.height = first->rows;
   info.frame_count = static_cast<std::int64_t>(files.size());
   info.photographs = !recorded_times && !fps;
   char text[80];

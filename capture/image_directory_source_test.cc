@@ -1,7 +1,9 @@
 #include "capture/image_directory_source.h"
 
 #include <fstream>
+#include <iterator>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include <gtest/gtest.h>
@@ -84,6 +86,28 @@ TEST(ImageDirectorySource, AJpegThatIsCutOff) {
     std::string error;
     EXPECT_EQ(readAll(**source, &error).size(), 2U);
     EXPECT_EQ(error, (directory / "3.jpg").string() + ": is cut off");
+  }
+}
+
+TEST(ImageDirectorySource, OfABadPngTheDecoderWritesNothing) {
+  const TemporaryDirectory directory;
+  writeImage(directory / "1.png", 1);
+  std::ifstream stream(directory / "1.png", std::ios::binary);
+  const std::string whole{std::istreambuf_iterator<char>(stream), {}};
+  std::string damaged = whole;
+  damaged[whole.size() / 2] = static_cast<char>(damaged[whole.size() / 2] ^ 1);
+  for (const auto& [bytes, fault] :
+       {std::pair{whole.substr(0, whole.size() - 1), "is cut off"},
+        std::pair{whole.substr(0, whole.size() / 2), "is cut off"},
+        std::pair{whole.substr(0, 8), "is cut off"}, std::pair{damaged, "is damaged"}}) {
+    std::ofstream(directory / "2.png", std::ios::binary) << bytes;
+    const auto source = openImageDirectory(directory.path(), 10.0);
+    ASSERT_TRUE(source.ok()) << source.error().message;
+    std::string error;
+    ::testing::internal::CaptureStderr();
+    EXPECT_EQ(readAll(**source, &error).size(), 1U);
+    EXPECT_EQ(::testing::internal::GetCapturedStderr(), "");
+    EXPECT_EQ(error, (directory / "2.png").string() + ": " + fault);
   }
 }
 

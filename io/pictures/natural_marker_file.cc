@@ -2,6 +2,7 @@
 
 #include <set>
 
+#include "base/coded_image.h"
 #include "io/text/json_node.h"
 #include "io/text/number_text.h"
 #include "io/text/plausible.h"
@@ -64,6 +65,10 @@ Result<std::vector<NaturalMarkerEntry>> readEntries(const Json& json,
 
 Result<std::vector<NaturalMarkerEntry>> parseNaturalMarkers(const std::string& text,
                                                             const std::filesystem::path& file) {
+  if (isJpeg(text) || isPng(text)) {
+    return Error{file.string() +
+                 ": is an image; a file of natural markers is made by `waymark natural add`"};
+  }
   const Result<Json> json = parseJson(text, file.string());
   if (!json) return json.error();
   return readEntries(*json, file);

@@ -47,6 +47,7 @@ TEST(NaturalMarkerFile, FaultsNameTheirPlace) {
   EXPECT_FALSE(faultOf(fileWith(R"({"name":"a","image":"a.png","width":1,)"
                                 R"("T_w_m":{"p":[0,0,0],"q":[2,0,0,0]}})"))
                    .empty());
+  EXPECT_NE(faultOf("\x89PNG\r\n\x1a\n ...").find("is an image"), std::string::npos);
 }
 
 TEST(NaturalMarkerFile, AddsOneAndKeepsTheRest) {

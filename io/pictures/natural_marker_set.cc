@@ -7,6 +7,7 @@
 #include <opencv2/core.hpp>
 #include <opencv2/imgcodecs.hpp>
 
+#include "base/coded_image.h"
 #include "io/pictures/feature_cache.h"
 #include "io/text/number_text.h"
 #include "io/text/text_file.h"
@@ -39,6 +40,7 @@ Result<ImageFile> readImage(const fs::path& path) {
   ImageFile file;
   file.bytes = std::move(*bytes);
   if (file.bytes.empty()) return Error{path.string() + ": is empty"};
+  if (const char* fault = imageFault(file.bytes)) return Error{path.string() + ": " + fault};
   const cv::Mat coded(1, static_cast<int>(file.bytes.size()), CV_8U, file.bytes.data());
   try {
     file.grey = cv::imdecode(coded, cv::IMREAD_GRAYSCALE);
