@@ -65,8 +65,8 @@ TEST(NaturalFiles, AreWhatWasHung) {
   ASSERT_EQ(targets["targets"].size(), 11U);
   for (std::size_t i = 0; i < 11; ++i) {
     const auto& p = targets["targets"][i]["p"];
-    const Eigen::Vector3d read(p[0].get<double>(), p[1].get<double>(), p[2].get<double>());
-    EXPECT_LT((read - scene.targets[i].p_w).norm(), 1e-9);
+    const Eigen::Vector3d target(p[0].get<double>(), p[1].get<double>(), p[2].get<double>());
+    EXPECT_LT((target - scene.targets[i].p_w).norm(), 1e-9);
   }
 
   removeNatural(directory.path(), scene);

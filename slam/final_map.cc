@@ -5,6 +5,7 @@
 #include <numeric>
 #include <utility>
 
+#include "base/elapsed.h"
 #include "slam/camera/undistort_map.h"
 #include "slam/slam.h"
 
@@ -99,6 +100,20 @@ void tryAgain(std::span<const LiveFrame> frames, Slam* slam) {
   } while (left.size() < before && !left.empty());
 }
 
+Twist motionOf(std::span<const LiveFrame> frames, std::size_t i) {
+  constexpr double kLater_s = 0.2;  // the motion is another one by then
+  const auto& pose = frames[i].pose;
+  if (!pose) return Twist::Zero();
+  if (i + 1 == frames.size()) return pose->twist;
+  const LiveFrame& next = frames[i + 1];
+  const double after_s = secondsBetween(frames[i].monotonic_ns, next.monotonic_ns);
+  const bool tells = next.pose && next.pose->piece == pose->piece && after_s < kLater_s &&
+                     !next.pose->twist.isZero(0.0);
+  if (!tells) return pose->twist;
+  return pose->twist.isZero(0.0) ? next.pose->twist
+                                 : twistBetween(pose->twist, next.pose->twist, after_s);
+}
+
 std::vector<RecordedFrame> spreadFrames(std::span<const LiveFrame> frames,
                                         const FinalMapOptions& options) {
   std::vector<RecordedFrame> spread;
@@ -111,8 +126,8 @@ std::vector<RecordedFrame> spreadFrames(std::span<const LiveFrame> frames,
     const LiveFrame& frame = frames[i];
     if (frame.pose) near = &*frame.pose;
     if (!chosen[i]) continue;
-    spread.push_back({i, frame.monotonic_ns, frame.detections, near->T_w_c,
-                      frame.pose ? frame.pose->twist : Vector6d::Zero(), near->piece});
+    spread.push_back(
+        {i, frame.monotonic_ns, frame.detections, near->T_w_c, motionOf(frames, i), near->piece});
   }
   return spread;
 }

@@ -22,6 +22,7 @@
 
 #include "slam/detection/marker_detection.h"
 #include "slam/geometry/transform.h"
+#include "slam/geometry/twist.h"
 #include "slam/mapping/recorded_frames.h"
 #include "slam/pose_estimate.h"
 
@@ -35,6 +36,10 @@ struct LiveFrame {
   std::optional<PoseEstimate> pose;
   std::vector<MarkerDetection> detections;
 };
+
+// How the camera moved in the i-th frame, as it is known once the next one is; zero where it is
+// not.
+[[nodiscard]] Twist motionOf(std::span<const LiveFrame> frames, std::size_t i);
 
 struct FinalMapOptions {
   // The frames are in no order (Options::treatAsUnorderedImages): those without a pose are tried

@@ -16,12 +16,7 @@ namespace {
 RecordedFrame recorded(std::span<const LiveFrame> frames, std::size_t i, const Transform& guess,
                        int piece) {
   const LiveFrame& frame = frames[i];
-  return {i,
-          frame.monotonic_ns,
-          frame.detections,
-          guess,
-          frame.pose ? frame.pose->twist : Vector6d::Zero(),
-          piece};
+  return {i, frame.monotonic_ns, frame.detections, guess, motionOf(frames, i), piece};
 }
 
 // Each frame for itself, near where it was live. One that was lost starts from its neighbour: first

@@ -121,6 +121,30 @@ TEST_F(SlamTest, TheFirstKeyframeIsToldHowItMoved) {
   EXPECT_LT((first.twist.head<3>() - velocity_c).norm(), 0.3 * velocity_c.norm());
 }
 
+// A frame's motion is that since the frame before; the frame after tells the other half of it.
+TEST_F(SlamTest, KeyframesAreToldHowTheyWentOn) {
+  sigma_px_ = 0.0;
+  const auto speedingUp = [](int frame) {
+    return testing::lookAt({-1.0 + 0.002 * frame * frame, 0.0, 0.0}, {0.0, 3.0, 0.0});
+  };
+  walk(0, 20, speedingUp, 0.03);
+  const double frame_s = 1e-9 * static_cast<double>(kFramePeriodNs);
+  int keyframes = 0;
+  for (const auto& [id, keyframe] : slam().map().keyframes()) {
+    const auto frame = static_cast<int>(keyframe.sequence);
+    if (frame == 0 || frame == 19) continue;
+    const Transform T_w_c = speedingUp(frame);
+    const auto wayTo = [&](int other) -> Eigen::Vector3d {
+      return T_w_c.R.transpose() * (speedingUp(other).p - T_w_c.p) / frame_s;
+    };
+    const Eigen::Vector3d before = -wayTo(frame - 1);
+    const Eigen::Vector3d both = 0.5 * (wayTo(frame + 1) - wayTo(frame - 1));
+    EXPECT_LT((keyframe.twist.head<3>() - both).norm(), 0.3 * (before - both).norm()) << frame;
+    ++keyframes;
+  }
+  EXPECT_GE(keyframes, 4);
+}
+
 TEST_F(SlamTest, SaysWhyItHasNotStarted) {
   const FrameResult nothing = feed(std::vector<MarkerDetection>{});
   EXPECT_FALSE(nothing.pose);

@@ -36,25 +36,29 @@ void undistortAgain(const CameraModel& camera, std::vector<MarkerDetection>* det
   });
 }
 
+void undistortAgain(const CameraModel& camera, double readout_s, KeyframeId id, Map* map) {
+  const Keyframe& keyframe = map->keyframes().at(id);
+  std::vector<int> unseen;
+  const SharedDetections before = keyframe.detections;
+  for (const MarkerDetection& detection : before) {
+    const MapMarker& marker = map->markers().at(detection.id);
+    auto again = deskewed(detection, camera, keyframe.T_w_c, keyframe.twist, marker.T_w_m,
+                          marker.size_m, readout_s);
+    if (again) {
+      scaleNoise(detection.normalized, &*again);
+      map->replaceView(id, *again);
+    } else {
+      unseen.push_back(detection.id);
+    }
+  }
+  const KeyframeId only[] = {id};
+  for (const int marker_id : unseen) map->removeViews(marker_id, only);
+}
+
 void undistortAgain(const CameraModel& camera, double readout_s, Map* map, std::int64_t since_ns) {
   map->beginEpoch();
   for (const auto& [id, keyframe] : map->keyframes()) {
-    if (keyframe.monotonic_ns < since_ns) continue;
-    std::vector<int> unseen;
-    const SharedDetections before = keyframe.detections;
-    for (const MarkerDetection& detection : before) {
-      const MapMarker& marker = map->markers().at(detection.id);
-      auto again = deskewed(detection, camera, keyframe.T_w_c, keyframe.twist, marker.T_w_m,
-                            marker.size_m, readout_s);
-      if (again) {
-        scaleNoise(detection.normalized, &*again);
-        map->replaceView(id, *again);
-      } else {
-        unseen.push_back(detection.id);
-      }
-    }
-    const KeyframeId only[] = {id};
-    for (const int marker_id : unseen) map->removeViews(marker_id, only);
+    if (keyframe.monotonic_ns >= since_ns) undistortAgain(camera, readout_s, id, map);
   }
 }
 

@@ -16,6 +16,8 @@ namespace waymark::slam {
 // since_ns: keyframes before that time were seen through another lens, and stay as they are.
 void undistortAgain(const CameraModel& camera, double readout_s, Map* map,
                     std::int64_t since_ns = std::numeric_limits<std::int64_t>::min());
+// The same of one keyframe.
+void undistortAgain(const CameraModel& camera, double readout_s, KeyframeId keyframe, Map* map);
 // The same of a frame's detections, as a global shutter saw them.
 void undistortAgain(const CameraModel& camera, std::vector<MarkerDetection>* detections);
 

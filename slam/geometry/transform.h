@@ -5,7 +5,9 @@
 #pragma once
 
 #include <algorithm>
+#include <array>
 #include <cmath>
+#include <cstddef>
 #include <numbers>
 
 #include <Eigen/Core>
@@ -22,27 +24,47 @@ using Matrix6d = Eigen::Matrix<double, 6, 6>;
   return m;
 }
 
-// Rodrigues' formula (Eq. 2): rotation vector in radians to rotation matrix.
+// Rodrigues' formula (Eq. 2): rotation vector in radians to rotation matrix. By series: the last
+// bits of the C library's sine are not the same on all processors, and those of a map are to be.
 [[nodiscard]] inline Eigen::Matrix3d expSo3(const Eigen::Vector3d& r) {
-  const double theta2 = r.squaredNorm();
-  const Eigen::Matrix3d K = skew(r);
-  double a = 1.0 - theta2 / 6.0;   // sin(theta) / theta
-  double b = 0.5 - theta2 / 24.0;  // (1 - cos(theta)) / theta^2
-  if (theta2 > 1e-8) {
-    const double theta = std::sqrt(theta2);
-    a = std::sin(theta) / theta;
-    b = (1.0 - std::cos(theta)) / theta2;
+  constexpr double kLargest2 = 0.25;  // of the angle, squared, that these are exact to
+  // By Horner's scheme: the next term's share of one, last ones first.
+  constexpr std::array<double, 7> kSine = {1.0 / 210, 1.0 / 156, 1.0 / 110, 1.0 / 72,
+                                           1.0 / 42,  1.0 / 20,  1.0 / 6};
+  constexpr std::array<double, 7> kCosine = {1.0 / 240, 1.0 / 182, 1.0 / 132, 1.0 / 90,
+                                             1.0 / 56,  1.0 / 30,  1.0 / 12};
+  double theta2 = r.squaredNorm();
+  int halvings = 0;
+  for (; theta2 > kLargest2 && halvings < 64; theta2 *= 0.25) ++halvings;
+  double a = 1.0;  // sin(theta) / theta
+  double b = 1.0;  // 2 (1 - cos(theta)) / theta^2
+  for (std::size_t i = 0; i < kSine.size(); ++i) {
+    a = 1.0 - kSine[i] * theta2 * a;
+    b = 1.0 - kCosine[i] * theta2 * b;
   }
-  return Eigen::Matrix3d::Identity() + a * K + b * K * K;
+  const Eigen::Matrix3d K = skew(std::ldexp(1.0, -halvings) * r);
+  Eigen::Matrix3d R = Eigen::Matrix3d::Identity() + a * K + 0.5 * b * K * K;
+  for (; halvings > 0; --halvings) R = R * R;
+  return R;
 }
 
-// Inverse of expSo3; the result's norm is in [0, pi].
+// Inverse of expSo3; the result's norm is in [0, pi]. By a series, too.
 [[nodiscard]] inline Eigen::Vector3d logSo3(const Eigen::Matrix3d& R) {
+  constexpr double kLargest2 = 0.01;  // of the sine of half the angle, squared
+  constexpr std::array<double, 8> kArcsine = {225.0 / 272, 169.0 / 210, 121.0 / 156, 81.0 / 110,
+                                              49.0 / 72,   25.0 / 42,   9.0 / 20,    1.0 / 6};
   const Eigen::Quaterniond q = Eigen::Quaterniond(R).normalized();
-  const double s = q.vec().norm();
-  const double angle = 2.0 * std::atan2(s, std::abs(q.w()));
-  const double scale = s > 1e-12 ? angle / s : 2.0;
-  return (q.w() < 0.0 ? -scale : scale) * q.vec();
+  Eigen::Vector3d v = std::copysign(1.0, q.w()) * q.vec();
+  double w = std::abs(q.w());
+  double times = 2.0;
+  for (int i = 0; i < 5 && v.squaredNorm() > kLargest2; ++i) {  // of half the angle
+    w = std::sqrt(0.5 + 0.5 * w);
+    v *= 0.5 / w;
+    times *= 2.0;
+  }
+  double f = 1.0;  // asin(s) / s
+  for (const double share : kArcsine) f = 1.0 + share * v.squaredNorm() * f;
+  return times * f * v;
 }
 
 struct Transform {

@@ -47,5 +47,22 @@ TEST(Transform, QuaternionHasPositiveW) {
   EXPECT_LT((T.quaternion().toRotationMatrix() - T.R).norm(), 1e-12);
 }
 
+TEST(Rotations, SeriesAreAsExactAsTheLibrary) {
+  std::mt19937 rng(4);
+  std::normal_distribution<double> gauss;
+  for (double angle = 1e-9; angle < 3.14; angle *= 1.02) {
+    const Eigen::Vector3d axis = Eigen::Vector3d(gauss(rng), gauss(rng), gauss(rng)).normalized();
+    const Eigen::Matrix3d R = Eigen::AngleAxisd(angle, axis).toRotationMatrix();
+    EXPECT_LT((expSo3(angle * axis) - R).cwiseAbs().maxCoeff(), 1e-14) << angle;
+    EXPECT_LT((logSo3(R) - angle * axis).norm(), 1e-14) << angle;
+  }
+  EXPECT_TRUE(expSo3({0.0, 0.0, 0.0}).isIdentity(0.0));
+  EXPECT_LT((expSo3({0.0, 0.0, 1000.0}).topLeftCorner<2, 2>() -
+             Eigen::Rotation2Dd(1000.0).toRotationMatrix())
+                .norm(),
+            1e-10)
+      << "many turns";
+}
+
 }  // namespace
 }  // namespace waymark::slam

@@ -7,4 +7,14 @@ namespace waymark::slam {
 // Velocity of the camera in its own frame: metres per second, then radians per second.
 using Twist = Vector6d;
 
+// The motion in the middle of two intervals of this length, from the mean of each, `before` and
+// `after`; that of the first is in the axes of its beginning, as a pose's own difference to the one
+// before it is. What one of them alone is off by, half an interval's acceleration, is gone.
+[[nodiscard]] inline Twist twistBetween(const Twist& before, const Twist& after,
+                                        double interval_s) {
+  Twist turned = before;
+  turned.head<3>() = expSo3(-interval_s * before.tail<3>()) * before.head<3>();
+  return 0.5 * (turned + after);
+}
+
 }  // namespace waymark::slam

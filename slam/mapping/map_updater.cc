@@ -5,30 +5,46 @@
 #include <optional>
 #include <utility>
 
+#include "base/elapsed.h"
+#include "slam/camera/undistort_map.h"
+
 namespace waymark::slam {
 
 Transform MapUpdater::begin(const Start& start, Map* map) {
-  start_moves_ = true;
   return mapper_.begin(start, map, counters_);
 }
 
-// The first keyframes came before any motion was known: what the next frame shows of it is theirs.
-// Else a rolling shutter's corners stay as they were seen in what is to be the world.
-bool MapUpdater::tellStartItsMotion(const TrackedFrame& frame, Map* map) {
+// A frame's motion is that since the frame before; what the next one shows is half of a keyframe's,
+// too, as it is of its middle row's time. (Of the first keyframes, which came before any motion was
+// known, it is all; true where there were such ones.) Else a rolling shutter's corners stay off by
+// what the motion has changed.
+bool MapUpdater::tellKeyframesTheirMotion(const TrackedFrame& frame, Map* map) {
   constexpr std::int64_t kLater_ns = 200'000'000;  // the motion is another one by then
-  if (!std::exchange(start_moves_, false)) return false;
-  for (const auto& [id, keyframe] : map->keyframes()) {
+  const auto& keyframes = map->keyframes();
+  const KeyframeId fresh =
+      std::exchange(first_fresh_, keyframes.empty() ? 0 : keyframes.rbegin()->first + 1);
+  if (frame.method != TrackingMethod::kPredicted || !isCertain(frame)) return false;
+  bool news = false;
+  for (auto it = keyframes.lower_bound(fresh); it != keyframes.end(); ++it) {
+    const auto& [id, keyframe] = *it;
     if (frame.time.monotonic_ns - keyframe.monotonic_ns > kLater_ns) continue;
-    map->setKeyframeTwist(id, frame.twist);
+    const double after_s = secondsBetween(keyframe.monotonic_ns, frame.time.monotonic_ns);
+    const bool first = keyframe.twist.isZero(0.0);
+    map->setKeyframeTwist(id,
+                          first ? frame.twist : twistBetween(keyframe.twist, frame.twist, after_s));
+    news = news || first;
+    if (rolling_shutter_->seconds() != 0.0) {
+      undistortAgain(camera_, rolling_shutter_->seconds(), id, map);
+    }
   }
-  return true;
+  return news;
 }
 
 MapGrowth MapUpdater::grow(const TrackedFrame& frame, Map* map) {
   MapGrowth growth;
   gaps_.leave();
   fitting_.assign(frame.fitting.begin(), frame.fitting.end());
-  growth.map_changed = tellStartItsMotion(frame, map);
+  growth.map_changed = tellKeyframesTheirMotion(frame, map);
   const LoopJunction junction = loops_.closeOrJoin(*map, residualSigma(), frame, fitting_);
   if (junction.joins) {
     fitting_.insert(fitting_.end(), junction.joined.begin(), junction.joined.end());

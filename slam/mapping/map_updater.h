@@ -110,7 +110,7 @@ class MapUpdater {
   [[nodiscard]] bool shutterIdle(const Map& map) const {
     return !asksShutter() || rolling_shutter_->idle(map);
   }
-  bool tellStartItsMotion(const TrackedFrame& frame, Map* map);
+  bool tellKeyframesTheirMotion(const TrackedFrame& frame, Map* map);
   [[nodiscard]] bool screenMarkers(const TrackedFrame& frame, Map* map);
 
   MapUpdaterOptions options_;
@@ -118,7 +118,7 @@ class MapUpdater {
   MarkerScreening* screening_;
   RollingShutterEstimator* rolling_shutter_;
   LensEstimator* lens_;
-  bool start_moves_ = false;  // nothing is known yet of how the first keyframes moved
+  KeyframeId first_fresh_ = 0;  // from here on keyframes do not know yet how they went on moving
   Counters* counters_;
   Mapper mapper_;
   GapMapper gaps_;

@@ -67,7 +67,7 @@ struct EdgeRefinerOptions {
   // share of the largest bow. More takes weight from flat prints whose sides a lens bends.
   double bow_share = 0.5;
   // What follows is for soft edges: with this blur and more, pixels of the camera's image.
-  double soft_blur_px = 1.25;
+  double soft_blur_px = 0.85;
   // Where the blur is a larger share of the border's thickness than `narrow_border`, cells and what
   // is behind the paper reach the edge in ways that no model has. The error of a side by that, in
   // units of the blur, for each unit of the share.
