@@ -1,4 +1,4 @@
-// Reading a benchmark's command line.
+// What a benchmark reads from its command line, and ends with.
 #pragma once
 
 #include <cstdio>
@@ -6,6 +6,7 @@
 
 #include <CLI/CLI.hpp>
 
+#include "base/result.h"
 #include "io/text/number_text.h"
 #include "tools/exit_code.h"
 
@@ -21,6 +22,12 @@ namespace waymark::bench {
     return tools::kBadInput;
   }
   return std::nullopt;
+}
+
+// At the end: one line on what went wrong, if anything did.
+[[nodiscard]] inline tools::ExitCode exitCodeOf(const char* program, const Status& done) {
+  if (!done) std::fprintf(stderr, "%s: %s\n", program, done.error().message.c_str());
+  return done ? tools::kDone : tools::kBadInput;
 }
 
 }  // namespace waymark::bench

@@ -244,9 +244,7 @@ tools::ExitCode run(const Arguments& arguments) {
     if (!arguments.json.empty()) all.push_back(summary);
   }
   if (arguments.json.empty()) return tools::kDone;
-  const Status written = io::writeTextFile(arguments.json, all.dump(1) + "\n");
-  if (!written) std::fprintf(stderr, "gaps: %s\n", written.error().message.c_str());
-  return written ? tools::kDone : tools::kBadInput;
+  return exitCodeOf("gaps", io::writeTextFile(arguments.json, all.dump(1) + "\n"));
 }
 
 }  // namespace

@@ -94,10 +94,7 @@ class Bench {
       for (const double noise_sigma : arguments_.noise_sigmas) {
         std::printf("%s, noise of %g grey levels: %% found\n", names_[d].c_str(), noise_sigma);
         printTable([&](double side_px, double blur_px) {
-          return recallPercent(d, [&](const Kind& kind) {
-            return kind.side_px == side_px && kind.blur_px == blur_px &&
-                   kind.noise_sigma == noise_sigma;
-          });
+          return recallPercent(d, side_px, blur_px, noise_sigma);
         });
       }
     }
@@ -207,6 +204,13 @@ class Bench {
     return 100.0 * found / std::max(photos, 1);
   }
 
+  [[nodiscard]] double recallPercent(std::size_t detector, double side_px, double blur_px,
+                                     double noise_sigma) const {
+    return recallPercent(detector, [&](const Kind& kind) {
+      return kind.side_px == side_px && kind.blur_px == blur_px && kind.noise_sigma == noise_sigma;
+    });
+  }
+
   [[nodiscard]] Kind ours(double side_px, double blur_px) const {
     Kind sum;
     for (const Kind& kind : kinds_) {
@@ -245,10 +249,7 @@ class Bench {
         RecallPanel panel{.detector = names_[d], .noise_sigma = noise_sigma, .percent = {}};
         for (const double blur_px : arguments_.blurs_px) {
           for (const double side_px : arguments_.sides_px) {
-            panel.percent.push_back(recallPercent(d, [&](const Kind& kind) {
-              return kind.side_px == side_px && kind.blur_px == blur_px &&
-                     kind.noise_sigma == noise_sigma;
-            }));
+            panel.percent.push_back(recallPercent(d, side_px, blur_px, noise_sigma));
           }
         }
         panels.push_back(std::move(panel));
@@ -270,9 +271,7 @@ tools::ExitCode run(const Arguments& arguments) {
   Bench bench(arguments);
   bench.run();
   bench.print();
-  const Status written = bench.write();
-  if (!written) std::fprintf(stderr, "recall: %s\n", written.error().message.c_str());
-  return written ? tools::kDone : tools::kBadInput;
+  return exitCodeOf("recall", bench.write());
 }
 
 }  // namespace

@@ -121,7 +121,5 @@ int main(int argc, char** argv) {
   app.add_option("trajectory", trajectory, "TUM, in the scene's world")->required();
   app.add_option("--json", json, "What is said of all targets into this file as well");
   if (const auto exit_code = bench::parse(app, argc, argv)) return *exit_code;
-  const Status done = bench::compare(directory, trajectory, json);
-  if (!done) std::fprintf(stderr, "targets: %s\n", done.error().message.c_str());
-  return done ? tools::kDone : tools::kBadInput;
+  return bench::exitCodeOf("targets", bench::compare(directory, trajectory, json));
 }
