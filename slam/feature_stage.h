@@ -31,6 +31,8 @@ class FeatureStage {
         integrator_(options, camera, counters),
         counters_(counters) {}
 
+  // Before a frame: the rolling shutter that it is seen through, as VisualFilter's.
+  void setReadout(double readout_s) { integrator_.setReadout(readout_s); }
   // After the markers have given a pose. False where the features know better.
   [[nodiscard]] bool follow(const FrameInput& frame, const TrackedFrame& tracked,
                             const PoseEstimate& pose, StageObserver* observer);

@@ -101,17 +101,13 @@ void tryAgain(std::span<const LiveFrame> frames, Slam* slam) {
 }
 
 Twist motionOf(std::span<const LiveFrame> frames, std::size_t i) {
-  constexpr double kLater_s = 0.2;  // the motion is another one by then
   const auto& pose = frames[i].pose;
   if (!pose) return Twist::Zero();
   if (i + 1 == frames.size()) return pose->twist;
   const LiveFrame& next = frames[i + 1];
   const double after_s = secondsBetween(frames[i].monotonic_ns, next.monotonic_ns);
-  const bool tells = next.pose && next.pose->piece == pose->piece && after_s < kLater_s &&
-                     !next.pose->twist.isZero(0.0);
-  if (!tells) return pose->twist;
-  return pose->twist.isZero(0.0) ? next.pose->twist
-                                 : twistBetween(pose->twist, next.pose->twist, after_s);
+  if (!next.pose || next.pose->piece != pose->piece) return pose->twist;
+  return twistBetween(pose->twist, next.pose->twist, after_s);
 }
 
 std::vector<RecordedFrame> spreadFrames(std::span<const LiveFrame> frames,

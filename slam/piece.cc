@@ -86,6 +86,7 @@ class Piece::Impl {
       detections = undistorted(detections);
     }
     noteCamera();
+    features_.setReadout(rolling_shutter_.seconds());
     result.detections = detections;
     const auto prediction = tracker_.predict(frame.time.monotonic_ns);  // in the newest coordinates
     Counters nobodys;
@@ -263,8 +264,7 @@ class Piece::Impl {
       return std::nullopt;
     }
     const StageScope scope(observer, Stage::kTrack);
-    pose.covariance =
-        covariance_.follow(tracked->solution, tracked->eligible) + coverOfOtherPose(*tracked);
+    pose.covariance = covariance_.follow(tracked->solution, tracked->eligible) + coverOf(*tracked);
     if (const auto fused = features_.fused()) pose = *fused;
     addCamera(*tracked, &pose);
     result->pose = pose;

@@ -68,32 +68,43 @@ std::optional<Transform> RollingShutterEstimator::collect(const CameraModel& cam
                                                           const BundleOptions& optimization,
                                                           Map* map) {
   if (estimate_ && estimate_->done()) {
-    if (!adopt(camera, map)) return std::nullopt;
-    whole_.emplace([&](Budget* budget) {
-      return optimizeSubproblem(*map, wholeMap(*map), markers_, ungated(optimization), budget);
-    });
-    return Transform{};
+    believed_ = takeBelievable();
+    if (believed_) beginWhole(camera, optimization, *map);
+    return std::nullopt;
   }
   if (!isDone()) return std::nullopt;
+  if (begun_epoch_ != map->epoch()) {  // of a world that is no more
+    beginWhole(camera, optimization, *map);
+    return std::nullopt;
+  }
   const MapCorrection correction = whole_->take();
   whole_.reset();
+  seen_anew_.reset();
+  seconds_ = believed_->readout_s;
+  sigma_s_ = believed_->sigma_s;
+  undistortAgain(camera, seconds_, map);
   return applyWhole(correction, map);
 }
 
-// Whether the estimate is believed.
-bool RollingShutterEstimator::adopt(const CameraModel& camera, Map* map) {
+void RollingShutterEstimator::beginWhole(const CameraModel& camera,
+                                         const BundleOptions& optimization, const Map& map) {
+  whole_.reset();
+  begun_epoch_ = map.epoch();
+  seen_anew_ = map;
+  undistortAgain(camera, believed_->readout_s, &*seen_anew_);
+  whole_.emplace([&](Budget* budget) {
+    return optimizeSubproblem(*seen_anew_, wholeMap(*seen_anew_), markers_, ungated(optimization),
+                              budget);
+  });
+}
+
+std::optional<ReadoutEstimate> RollingShutterEstimator::takeBelievable() {
   const std::optional<ReadoutEstimate> found = estimate_->take();
   estimate_.reset();
-  if (!found) return false;
-  if (!believable(found->readout_s, found->sigma_s, seconds_, shutter_)) {
-    const double off_s = found->readout_s - seconds_;
-    sigma_s_ = std::min(shutter_.unknown_s, std::hypot(off_s, found->sigma_s));
-    return false;
-  }
-  seconds_ = found->readout_s;
-  sigma_s_ = found->sigma_s;
-  undistortAgain(camera, seconds_, map);
-  return true;
+  if (!found || believable(found->readout_s, found->sigma_s, seconds_, shutter_)) return found;
+  const double off_s = found->readout_s - seconds_;
+  sigma_s_ = std::min(shutter_.unknown_s, std::hypot(off_s, found->sigma_s));
+  return std::nullopt;
 }
 
 }  // namespace waymark::slam

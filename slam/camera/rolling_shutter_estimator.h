@@ -2,6 +2,7 @@
 // frame's corners (rolling_shutter.h). Beyond seed 1.
 #pragma once
 
+#include <cstdint>
 #include <optional>
 #include <vector>
 
@@ -39,9 +40,10 @@ class RollingShutterEstimator {
   // both.
   void work(double cost, const CameraModel& camera, const Map& map,
             const BundleOptions& optimization);
-  // Puts what is done into the map. A readout time that is believed is in use from here on, and
-  // moves the corners of every keyframe. What that did to the newest keyframe taken part:
-  // T_new_old; empty when nothing has changed.
+  // Puts what is done into the map. A readout time that is believed moves the corners of every
+  // keyframe; it is in use once the whole map has been optimized with these: until then, poses and
+  // map are of the one before. What that did to the newest keyframe taken part: T_new_old; empty
+  // when nothing has changed.
   std::optional<Transform> collect(const CameraModel& camera, const BundleOptions& optimization,
                                    Map* map);
   [[nodiscard]] bool isDone() const {
@@ -52,7 +54,10 @@ class RollingShutterEstimator {
 
  private:
   [[nodiscard]] bool isDue(const Map& map) const;
-  [[nodiscard]] bool adopt(const CameraModel& camera, Map* map);
+  // The estimate that is done, if it is to be used.
+  [[nodiscard]] std::optional<ReadoutEstimate> takeBelievable();
+  // The optimization of the whole map as what is believed shows it.
+  void beginWhole(const CameraModel& camera, const BundleOptions& optimization, const Map& map);
 
   RollingShutterOptions shutter_;
   MarkerOptions markers_;
@@ -60,6 +65,10 @@ class RollingShutterEstimator {
   double sigma_s_;
   int next_keyframes_;  // it is estimated again when the map has so many
   std::optional<SlicedTask<std::optional<ReadoutEstimate>>> estimate_;
+  // To be in use; the map as it shows it, begun in this epoch; and how that is optimized.
+  std::optional<ReadoutEstimate> believed_;
+  std::uint64_t begun_epoch_ = 0;
+  std::optional<Map> seen_anew_;
   std::optional<SlicedTask<MapCorrection>> whole_;
 };
 

@@ -19,22 +19,6 @@ namespace waymark::slam {
 
 namespace {
 
-// Weights of a marker's corners: their covariance in the image, and what the map's doubt about the
-// marker adds to it, seen from T_w_c. The four corners share that doubt; as they are weighted one
-// by one, each carries four times its own part, lest a doubtful marker count as four witnesses.
-// False when a corner is behind the camera.
-bool whiten(const KnownMarker& marker, const Transform& T_w_c, WhitenedCorners* whitening_of) {
-  constexpr double kShared = 4.0;  // corners
-  for (std::size_t k = 0; k < 4; ++k) {
-    Projection projection;
-    if (!projectPoint(T_w_c, marker.corners_w[k], &projection)) return false;
-    const Matrix26d J = markerJacobian(marker.T_w_m, marker.corners_w[k], projection.J_point);
-    (*whitening_of)[k] = whitening(marker.detection->covariance[k] +
-                                   kShared * J * marker.covariance * J.transpose());
-  }
-  return true;
-}
-
 // One frame's problem: markers and their weights. Those of as many as most frames show are on the
 // stack.
 class FrameProblem {
@@ -46,7 +30,9 @@ class FrameProblem {
     markers_ = markers;
     whitening_.resize(markers.size());
     for (std::size_t i = 0; i < markers.size(); ++i) {
-      if (!whiten(markers[i], T_w_c, &whitening_[i])) return false;
+      const auto whitening_of = whiteningOf(markers[i], T_w_c);
+      if (!whitening_of) return false;
+      whitening_[i] = *whitening_of;
     }
     return true;
   }
@@ -93,6 +79,19 @@ class FrameProblem {
 
 }  // namespace
 
+std::optional<WhitenedCorners> whiteningOf(const KnownMarker& marker, const Transform& T_w_c) {
+  constexpr double kShared = 4.0;  // corners
+  WhitenedCorners whitening_of;
+  for (std::size_t k = 0; k < 4; ++k) {
+    Projection projection;
+    if (!projectPoint(T_w_c, marker.corners_w[k], &projection)) return std::nullopt;
+    const Matrix26d J = markerJacobian(marker.T_w_m, marker.corners_w[k], projection.J_point);
+    whitening_of[k] = whitening(marker.detection->covariance[k] +
+                                kShared * J * marker.covariance * J.transpose());
+  }
+  return whitening_of;
+}
+
 std::string PoseOptimizerOptions::invalidReason() const {
   return firstUnmet({
       {max_iterations >= 1, "a camera's pose needs at least 1 iteration"},
@@ -110,12 +109,12 @@ PoseOptimizer::PoseOptimizer(double focal_px, const PoseOptimizerOptions& option
     : focal_px_(focal_px), options_(options) {}
 
 std::optional<double> PoseOptimizer::markerChi2(const KnownMarker& marker, const Transform& T_w_c) {
-  WhitenedCorners whitening_of;
-  if (!whiten(marker, T_w_c, &whitening_of)) return std::nullopt;
+  const auto whitening_of = whiteningOf(marker, T_w_c);
+  if (!whitening_of) return std::nullopt;
   double chi2 = 0.0;
   for (std::size_t k = 0; k < 4; ++k) {
-    const auto squared =
-        squaredError(T_w_c, marker.corners_w[k], marker.detection->normalized[k], whitening_of[k]);
+    const auto squared = squaredError(T_w_c, marker.corners_w[k], marker.detection->normalized[k],
+                                      (*whitening_of)[k]);
     if (!squared) return std::nullopt;
     chi2 += *squared;
   }

@@ -8,6 +8,7 @@
 
 #include "slam/camera_pose/known_marker.h"
 #include "slam/camera_pose/marker_flags.h"
+#include "slam/geometry/reprojection.h"
 #include "slam/geometry/transform.h"
 
 namespace waymark::slam {
@@ -63,6 +64,13 @@ struct PoseSolution {
     residual_variance = known_residual_variance;
   }
 };
+
+// Weights of a marker's corners: their covariance in the image, and what the map's doubt about the
+// marker adds to it, seen from T_w_c. The four corners share that doubt; as they are weighted one
+// by one, each carries four times its own part, lest a doubtful marker count as four witnesses.
+// Empty when a corner is behind the camera.
+[[nodiscard]] std::optional<WhitenedCorners> whiteningOf(const KnownMarker& marker,
+                                                         const Transform& T_w_c);
 
 class PoseOptimizer {
  public:

@@ -31,7 +31,7 @@ struct MapCovarianceOptions {
   // What is the same in all views of a corner (paper, ink, light, the blur of its edges), in units
   // of the sigma of one view: a marker is never known better than one view with that error would
   // have it. It moves the marker from where it hangs, not the poses that are found from it.
-  double repeated_share = 0.25;
+  double repeated_share = 0.35;
 
   // Empty when usable, else what is wrong.
   [[nodiscard]] std::string invalidReason() const;

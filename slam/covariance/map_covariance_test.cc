@@ -245,6 +245,29 @@ TEST_F(MapCovarianceTest, NewMarkersAreNoSurerThanTheirNeighbours) {
   EXPECT_LT(hanging, 2.0 * expected);
 }
 
+// A marker that is known well from elsewhere comes into view beside others that are new: what is
+// not known of these stays, until they have been brought together.
+TEST_F(MapCovarianceTest, AMarkerFromElsewhereDoesNotVouchForNewOnes) {
+  Map map = optimizedMap();
+  MapCovariance covariance(options_, covariance_options_, known_camera_, map);
+  covariance.recover(1.0, &map);
+  Frame near_start;
+  look(map, testing::roomView(0.0), &near_start);
+  Frame frame;
+  look(map, testing::roomView(3.7), &frame);
+  ASSERT_GE(frame.known.size(), 3U);
+  const double doubt = variance_m2(covariance.follow(frame.solution, frame.known));
+  for (std::size_t i = 0; i < frame.detections.size(); ++i) {
+    frame.detections[i].id =
+        i == 0 ? near_start.known.front().detection->id : 100 + static_cast<int>(i);
+  }
+  const double sure = variance_m2(map.find(frame.detections[0].id)->world_covariance);
+  const double beside = variance_m2(covariance.inWorld(frame.solution, frame.known, kCameraAsItIs));
+  EXPECT_LT(sure, 0.1 * doubt) << "or this tells nothing";
+  EXPECT_GT(beside, 0.3 * doubt);
+  EXPECT_LT(beside, 1.5 * doubt);
+}
+
 // Where all are new, what the last frame's place was sure of holds.
 TEST_F(MapCovarianceTest, AmongNewMarkersTheLastDoubtHolds) {
   Map map = optimizedMap();

@@ -6,6 +6,9 @@
 #include <memory_resource>
 #include <vector>
 
+#include <Eigen/Cholesky>
+#include <Eigen/Eigenvalues>
+
 #include "base/stack_arena.h"
 #include "slam/covariance/marker_information.h"
 #include "slam/geometry/minimize_pose.h"
@@ -51,24 +54,46 @@ Blocks chooseOfMap(const Voices& voices, const MapMarginals& marginals,
   return blocks;
 }
 
+// What one covariance has beyond another, whose inverse exists: in no direction less than nothing.
+Matrix6d excessOf(const Matrix6d& covariance, const Matrix6d& other) {
+  const Eigen::LLT<Matrix6d> llt(other);
+  if (llt.info() != Eigen::Success) return Matrix6d::Zero();
+  const Matrix6d L = llt.matrixL();
+  Matrix6d relative = llt.matrixL().solve(covariance);
+  relative = llt.matrixL().solve(relative.transpose().eval());
+  const Eigen::SelfAdjointEigenSolver<Matrix6d> eigen(relative);
+  const Matrix6d axes = L * eigen.eigenvectors();
+  const Vector6d beyond = (eigen.eigenvalues().array() - 1.0).cwiseMax(0.0);
+  return axes * beyond.asDiagonal() * axes.transpose();
+}
+
+double ofPlace(const Matrix6d& covariance) { return covariance.topLeftCorner<3, 3>().trace(); }
+
 // What the map's errors add to the right side of the pose's normal equations.
 struct MapSpread {
   Matrix6d covariance;
+  // The places of the markers that hang on the leader are known much worse otherwise.
+  bool doubted = false;
   PoseGlobalMatrix by_camera = PoseGlobalMatrix::Zero();
 };
 
-// sum_ij G_i E[delta_i delta_j^T] G_j^T of the chosen ones; the others hang on the first of them.
-// Empty where the marginals know none.
+// sum_ij G_i E[delta_i delta_j^T] G_j^T of the chosen ones; the others hang on the first of them,
+// with what their doubt has beyond that of this one, where it is much. Empty where the marginals
+// know none.
 std::optional<MapSpread> spreadOfMap(const Voices& voices, const MapMarginals& marginals,
+                                     const PlaceDoubt& otherwise,
                                      std::pmr::memory_resource* memory) {
   const Blocks blocks = chooseOfMap(voices, marginals, memory);
   const auto found = std::ranges::find_if(voices, &Voice::of_map);
   if (found == voices.end()) return std::nullopt;
   Voice& leader = **found;
+  const Eigen::Vector3d& p_w = leader.marker->T_w_m.p;
+  Matrix6d hanging = Matrix6d::Zero();  // the others' gain, as of one rigid body there
   for (const Voice* const voice : voices) {
     if (voice->of_map) continue;
-    leader.gain += voice->gain * rigidTransport(voice->marker->T_w_m.p - leader.marker->T_w_m.p);
+    hanging += voice->gain * rigidTransport(voice->marker->T_w_m.p - p_w);
   }
+  leader.gain += hanging;
   MapSpread spread;
   // The sum is X + X^T; one product for each pair, and one for each row.
   Matrix6d X = Matrix6d::Zero();
@@ -94,6 +119,13 @@ std::optional<MapSpread> spreadOfMap(const Voices& voices, const MapMarginals& m
     if (by_camera != nullptr) spread.by_camera.noalias() += a->gain * *by_camera;
   }
   spread.covariance = X + X.transpose();
+  constexpr double kWorse = 4.0;  // as variances: what is less is how the two were computed
+  const Matrix6d& known = *marginals.find(leader.id());
+  const Matrix6d doubt = otherwise.at(p_w).covariance;
+  spread.doubted = !hanging.isZero(0.0) && ofPlace(doubt) > kWorse * ofPlace(known);
+  if (spread.doubted) {
+    spread.covariance += hanging * excessOf(doubt, known) * hanging.transpose();
+  }
   return spread;
 }
 
@@ -141,12 +173,14 @@ std::optional<WorldCovariance> worldCovariance(const PoseSolution& solution,
   in_order.reserve(voices.size());
   for (Voice& voice : voices) in_order.push_back(&voice);
   std::ranges::sort(in_order, std::ranges::greater{}, &Voice::information);
-  if (const auto spread = spreadOfMap(in_order, marginals, arena.get())) {
-    result.doubt =
-        PlaceDoubt{solution.T_w_c.p, atCamera(spread->covariance), *H_inverse * spread->by_camera};
-    result.of_map = result.doubt->covariance;
-  } else {
-    result.of_map = otherwise.at(solution.T_w_c.p).covariance;
+  result.of_map = otherwise.at(solution.T_w_c.p).covariance;
+  if (const auto spread = spreadOfMap(in_order, marginals, otherwise, arena.get())) {
+    const Matrix6d of_map = atCamera(spread->covariance);
+    // Markers that agree with each other leave no more open than the doubt of all of them.
+    if (!spread->doubted || ofPlace(of_map) <= ofPlace(result.of_map)) {
+      result.doubt = PlaceDoubt{solution.T_w_c.p, of_map, *H_inverse * spread->by_camera};
+      result.of_map = of_map;
+    }
   }
   result.of_corners = atCamera(noise);
   if (!std::ranges::all_of(voices, &Voice::of_map)) {

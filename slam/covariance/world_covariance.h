@@ -38,7 +38,10 @@ struct WorldCovariance {
 // The pose is a weighted mean of what each marker says: their errors go into it with those weights
 // (first order). A marker that the marginals do not know (it is new), or whose common covariance
 // with those that say more was not computed, hangs on the one that says most, as a rigid body, with
-// its own doubt; where none is known, all hang on `otherwise`. markers: one for each of
+// its own doubt; where none is known, all hang on `otherwise`. What that has beyond the doubt of
+// the known one stays with those that hang on it: it may have just come from elsewhere in the map,
+// where more is known, and not be brought together with them yet; but no more of it than if all
+// hung on `otherwise`. markers: one for each of
 // solution.inlier. Empty when the pose's normal equations are singular.
 [[nodiscard]] std::optional<WorldCovariance> worldCovariance(const PoseSolution& solution,
                                                              std::span<const KnownMarker> markers,

@@ -10,13 +10,6 @@
 namespace waymark::slam {
 namespace {
 
-// Corners or sides as found, turned so that the first is the print's top-left or top.
-template <typename T>
-std::array<T, 4> upright(std::array<T, 4> found, int rotation) {
-  std::rotate(found.begin(), found.begin() + rotation, found.end());
-  return found;
-}
-
 Eigen::Vector2d centre(const MarkerDetection& d) { return centreOf(d.pixels); }
 double diagonalOf(const Quad& quad) { return (quad[2] - quad[0]).norm(); }
 
@@ -341,7 +334,7 @@ void MarkerDetector::examine(const ImageView& image, const Quad& quad, float pro
       return reject(quad);
     case QuadContent::kMarker: {
       const auto measured = counted(measurer_.measure(
-          image, reading.match.id, upright(*corners, reading.match.rotation), nullptr));
+          image, reading.match.id, turnedUpright(*corners, reading.match.rotation), nullptr));
       return keep(quad, measured ? measured : measurer_.readSoft(image, *corners));
     }
     case QuadContent::kNoCode:

@@ -13,13 +13,6 @@
 namespace waymark::slam {
 namespace {
 
-// Corners or sides as found, turned so that the first is the print's top-left or top.
-template <typename T>
-std::array<T, 4> turnedUpright(std::array<T, 4> found, int rotation) {
-  std::rotate(found.begin(), found.begin() + rotation, found.end());
-  return found;
-}
-
 double meanBlur_px(const SideFits& edges) {
   double sum = 0.0;
   for (const EdgeFit& edge : edges) sum += edge.blur_px;

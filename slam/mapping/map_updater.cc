@@ -19,7 +19,6 @@ Transform MapUpdater::begin(const Start& start, Map* map) {
 // known, it is all; true where there were such ones.) Else a rolling shutter's corners stay off by
 // what the motion has changed.
 bool MapUpdater::tellKeyframesTheirMotion(const TrackedFrame& frame, Map* map) {
-  constexpr std::int64_t kLater_ns = 200'000'000;  // the motion is another one by then
   const auto& keyframes = map->keyframes();
   const KeyframeId fresh =
       std::exchange(first_fresh_, keyframes.empty() ? 0 : keyframes.rbegin()->first + 1);
@@ -27,12 +26,11 @@ bool MapUpdater::tellKeyframesTheirMotion(const TrackedFrame& frame, Map* map) {
   bool news = false;
   for (auto it = keyframes.lower_bound(fresh); it != keyframes.end(); ++it) {
     const auto& [id, keyframe] = *it;
-    if (frame.time.monotonic_ns - keyframe.monotonic_ns > kLater_ns) continue;
     const double after_s = secondsBetween(keyframe.monotonic_ns, frame.time.monotonic_ns);
-    const bool first = keyframe.twist.isZero(0.0);
-    map->setKeyframeTwist(id,
-                          first ? frame.twist : twistBetween(keyframe.twist, frame.twist, after_s));
-    news = news || first;
+    const Twist twist = twistBetween(keyframe.twist, frame.twist, after_s);
+    if (twist == keyframe.twist) continue;
+    news = news || keyframe.twist.isZero(0.0);
+    map->setKeyframeTwist(id, twist);
     if (rolling_shutter_->seconds() != 0.0) {
       undistortAgain(camera_, rolling_shutter_->seconds(), id, map);
     }

@@ -101,7 +101,8 @@ bool PoseIntegrator::follow(std::int64_t time_ns, const ImageView& image, const 
   }
   if (goes_on && bridging_) arrival_ = filter_->pose();
   const VisualUpdate update = filter_->update(image, camera_, markers);
-  if (goes_on) fused_ = fusedPose(pose, update);
+  const bool are_few = static_cast<int>(markers.size()) <= options_.integrator.max_markers;
+  if (goes_on && are_few) fused_ = fusedPose(pose, update);
   last_seen_ns_ = time_ns;
   bridging_ = false;
   ambiguity_ratio_ = pose.ambiguity_ratio;

@@ -113,6 +113,11 @@ class PoseIntegrator {
   // All that it is given must outlive it.
   PoseIntegrator(const NaturalOptions& options, const CameraModel& camera, Counters* counters);
 
+  // As VisualFilter's.
+  void setReadout(double readout_s) {
+    if (filter_) filter_->setReadout(readout_s);
+  }
+
   // A frame with a pose from these markers, all of which fit it. image: of the camera's size, or
   // empty. certain: it is not one of two that nothing has decided between. False while the markers
   // contradict a filter that the last pose was from, alone or fused(): then the frame is to be
@@ -120,7 +125,8 @@ class PoseIntegrator {
   [[nodiscard]] bool follow(std::int64_t time_ns, const ImageView& image, const PoseEstimate& pose,
                             bool certain, std::span<const KnownMarker> markers);
   // Of the last frame, where it was follow()ed: its pose from features and markers together, in
-  // place of the markers' alone. Empty where the filter has only begun, or knows no better.
+  // place of the markers' alone. Empty where the filter has only begun, or knows no better, and
+  // with more markers than features are followed for.
   [[nodiscard]] const std::optional<PoseEstimate>& fused() const { return fused_; }
   // Of the last frame, where it was follow()ed right after a bridge: where features alone had the
   // camera in it, as of what the bridge began from.

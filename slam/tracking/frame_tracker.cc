@@ -4,6 +4,8 @@
 #include <cmath>
 #include <utility>
 
+#include "slam/tracking/readout_motion.h"
+
 namespace waymark::slam {
 
 FrameMarkers FrameTracker::split(const Map& map, std::span<const MarkerDetection> usable,
@@ -92,24 +94,37 @@ std::optional<TrackedPose> FrameTracker::trackSingle(const KnownMarker& marker,
 
 PoseEstimate FrameTracker::estimateOf(const TrackedFrame& frame) const {
   PoseEstimate estimate = tracker_.estimateOf(frame.solution, frame.eligible, frame.twist);
-  if (!frame.single) return estimate;
-  const Matrix6d cover = coverOfOtherPose(frame);
+  const Matrix6d cover = coverOf(frame);
   estimate.covariance += cover;
   estimate.view_covariance += cover;
+  if (!frame.single) return estimate;
   estimate.ambiguity_ratio =
       ambiguityOf(*frame.single, estimate.ambiguity_ratio, options_.relocalization.ambiguity_ratio,
                   options_.single_marker.min_log_odds);
   return estimate;
 }
 
-// With the velocity this frame has shown, instead of the predicted one.
+// With the velocity this frame has shown, instead of the predicted one: first as its pose tells it,
+// then as its rows do, too.
 void FrameTracker::deskewAgain(const Map& map, TrackedFrame* frame) {
-  if (rolling_shutter_.seconds() == 0.0) return;
-  rolling_shutter_.deskew(camera_, map, frame->solution.T_w_c, frame->twist, &detections_);
+  const double readout_s = rolling_shutter_.seconds();
+  if (readout_s == 0.0) return;
+  const std::int64_t now_ns = frame->time.monotonic_ns;
+  const Twist used = frame->twist;
+  if (!optimizeDeskewed(map, used, frame)) return;
+  const auto motion = estimateReadoutMotion(
+      frame->solution, frame->eligible, {camera_, readout_s, used},
+      {tracker_.twistTo(frame->solution.T_w_c, now_ns), tracker_.twistCovariance(now_ns)});
+  if (motion && optimizeDeskewed(map, motion->twist, frame)) frame->of_readout = motion->of_pose;
+  frame->twist = tracker_.twistTo(frame->solution.T_w_c, now_ns);
+}
+
+bool FrameTracker::optimizeDeskewed(const Map& map, const Twist& twist, TrackedFrame* frame) {
+  rolling_shutter_.deskew(camera_, map, frame->solution.T_w_c, twist, &detections_);
   auto better = tracker_.optimizer().optimize(frame->eligible, frame->solution.T_w_c);
-  if (!better || !tracker_.optimizer().acceptable(*better)) return;
+  if (!better || !tracker_.optimizer().acceptable(*better)) return false;
   frame->solution = std::move(*better);
-  frame->twist = tracker_.twistTo(frame->solution.T_w_c, frame->time.monotonic_ns);
+  return true;
 }
 
 FittedMarkers FrameTracker::fit(const Map& map, const FrameMarkers& markers,

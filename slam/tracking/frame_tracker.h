@@ -35,6 +35,8 @@ struct TrackedFrame {
   PoseSolution solution;  // one flag for each of `eligible`
   Twist twist = Twist::Zero();
   TrackingMethod method = TrackingMethod::kPredicted;
+  // What is not known of the motion while a rolling shutter read it adds to its covariances.
+  Matrix6d of_readout = Matrix6d::Zero();
   // As one of a single marker's two poses; empty where several markers were in view.
   std::optional<PoseOfTwo> single;
   std::span<const KnownMarker> eligible;  // what it was found from
@@ -46,10 +48,10 @@ struct TrackedFrame {
 [[nodiscard]] inline bool isCertain(const TrackedFrame& frame) {
   return !frame.single || frame.single->decided;
 }
-// What its covariances have to be widened by; zero where several markers were in view.
-[[nodiscard]] inline Matrix6d coverOfOtherPose(const TrackedFrame& frame) {
-  return frame.single ? coverOfOtherPose(*frame.single, frame.solution.covariance)
-                      : Matrix6d::Zero();
+// What its covariances have to be widened by: a single marker's other pose, and that motion.
+[[nodiscard]] inline Matrix6d coverOf(const TrackedFrame& frame) {
+  if (!frame.single) return frame.of_readout;
+  return frame.of_readout + coverOfOtherPose(*frame.single, frame.solution.covariance);
 }
 
 // As a keyframe of what fits.
@@ -136,6 +138,7 @@ class FrameTracker {
                                                        const std::optional<Prediction>& prediction,
                                                        std::optional<PoseOfTwo>* single);
   void deskewAgain(const Map& map, TrackedFrame* frame);
+  [[nodiscard]] bool optimizeDeskewed(const Map& map, const Twist& twist, TrackedFrame* frame);
 
   const CameraModel& camera_;
   const RollingShutterEstimator& rolling_shutter_;

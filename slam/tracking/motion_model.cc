@@ -24,11 +24,18 @@ std::string MotionModelOptions::invalidReason() const {
        "the sigmas of accelerations must not be negative"},
       {isNotNegative(velocity_sigma) && isNotNegative(angular_velocity_sigma),
        "the sigmas of velocities must not be negative"},
+      {acceleration_frames >= 1, "an acceleration needs at least 1 frame to be learned from"},
   });
 }
 
+MotionModel::MotionModel(const MotionModelOptions& options)
+    : options_(options),
+      acceleration_square_(
+          isotropic(options.acceleration_sigma, options.angular_acceleration_sigma)) {}
+
 void MotionModel::update(const Transform& T_w_c, const Matrix6d& covariance, std::int64_t time_ns) {
   const auto twist = twistTo(T_w_c, time_ns);
+  if (twist) learnAcceleration(*twist, secondsBetween(last_->time_ns, time_ns));
   velocity_ = twist.value_or(Vector6d::Zero());
   velocity_interval_s_ = twist ? secondsBetween(last_->time_ns, time_ns) : 0.0;
   velocity_covariance_ = Matrix6d::Zero();
@@ -40,13 +47,33 @@ void MotionModel::update(const Transform& T_w_c, const Matrix6d& covariance, std
 }
 
 std::optional<Vector6d> MotionModel::twistTo(const Transform& T_w_c, std::int64_t time_ns) const {
+  const auto dt = recentInterval(time_ns);
+  if (!dt) return std::nullopt;
+  const Transform step = last_->T_w_c.inverse() * T_w_c;
+  Vector6d twist;
+  twist << step.p / *dt, logSo3(step.R) / *dt;
+  return twist;
+}
+
+Matrix6d MotionModel::twistCovariance(std::int64_t time_ns) const {
+  const auto dt = recentInterval(time_ns);
+  if (!dt) return isotropic(options_.velocity_sigma, options_.angular_velocity_sigma);
+  return 0.25 * *dt * *dt * acceleration_square_;
+}
+
+std::optional<double> MotionModel::recentInterval(std::int64_t time_ns) const {
   if (!last_) return std::nullopt;
   const double dt = secondsBetween(last_->time_ns, time_ns);
   if (dt <= 0.0 || dt > options_.max_extrapolation_s) return std::nullopt;
-  const Transform step = last_->T_w_c.inverse() * T_w_c;
-  Vector6d twist;
-  twist << step.p / dt, logSo3(step.R) / dt;
-  return twist;
+  return dt;
+}
+
+// The poses' errors look like acceleration. They are as much of an error of twistTo() as that.
+void MotionModel::learnAcceleration(const Vector6d& twist, double interval_s) {
+  if (velocity_interval_s_ <= 0.0) return;
+  const Vector6d acceleration = (twist - velocity_) / (0.5 * (interval_s + velocity_interval_s_));
+  const double share = 1.0 / options_.acceleration_frames;
+  acceleration_square_ += share * (acceleration * acceleration.transpose() - acceleration_square_);
 }
 
 void MotionModel::correct(const Transform& T_w_c) {

@@ -23,6 +23,9 @@ struct MotionModelOptions {
   // ... and of its velocities, where the last pose alone is what is known, m/s and rad/s.
   double velocity_sigma = 1.0;
   double angular_velocity_sigma = 2.0;
+  // How strongly the camera accelerates is learned from so many of the last frames. More is
+  // steadier, fewer follow a robot that begins to hurry.
+  int acceleration_frames = 20;
 
   // Empty when usable, else what is wrong.
   [[nodiscard]] std::string invalidReason() const;
@@ -30,7 +33,7 @@ struct MotionModelOptions {
 
 class MotionModel {
  public:
-  explicit MotionModel(const MotionModelOptions& options = {}) : options_(options) {}
+  explicit MotionModel(const MotionModelOptions& options = {});
 
   // covariance: of (dp, dtheta), as PoseEstimate's.
   void update(const Transform& T_w_c, const Matrix6d& covariance, std::int64_t time_ns);
@@ -40,6 +43,11 @@ class MotionModel {
   // The camera's velocity in its own frame, m/s and rad/s, if it is at T_w_c now; empty without a
   // recent pose.
   [[nodiscard]] std::optional<Vector6d> twistTo(const Transform& T_w_c, std::int64_t time_ns) const;
+
+  // How far the camera's velocity at that time is from what twistTo() says, a covariance in the
+  // camera frame, (m/s)^2 and (rad/s)^2: a mean since the last pose is half an interval's
+  // acceleration late. Without a recent pose, of the velocity itself.
+  [[nodiscard]] Matrix6d twistCovariance(std::int64_t time_ns) const;
 
   // As last given; empty before the first.
   [[nodiscard]] std::optional<Transform> lastPose() const {
@@ -55,12 +63,17 @@ class MotionModel {
     Matrix6d covariance;
     std::int64_t time_ns;
   };
+  // Since the last pose, seconds; empty where that is too long ago to tell a velocity.
+  [[nodiscard]] std::optional<double> recentInterval(std::int64_t time_ns) const;
+  void learnAcceleration(const Vector6d& twist, double interval_s);
+
   MotionModelOptions options_;
   std::optional<Stamped> last_;
   // Motion per second in the camera frame: translation, then rotation vector.
   Vector6d velocity_ = Vector6d::Zero();
   Matrix6d velocity_covariance_ = Matrix6d::Zero();  // in the world frame, of the poses' errors
   double velocity_interval_s_ = 0.0;                 // that it was measured over; 0 for none
+  Matrix6d acceleration_square_;                     // mean of the last ones', camera frame
 };
 
 }  // namespace waymark::slam

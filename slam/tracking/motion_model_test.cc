@@ -1,5 +1,6 @@
 #include "slam/tracking/motion_model.h"
 
+#include <cmath>
 #include <random>
 
 #include <gtest/gtest.h>
@@ -93,6 +94,35 @@ TEST(MotionModel, ItsCovarianceIsConsistent) {
   // 95 % of the means of 2000 draws of chi-square with 6 degrees of freedom, and some room for what
   // is not linear.
   EXPECT_NEAR(nees, 6.0, 0.4);
+}
+
+// What twistTo() does not see: half an interval of what the camera has been found to accelerate by.
+TEST(MotionModel, LearnsHowFarTheVelocityIsFromItsMean) {
+  MotionModelOptions options;
+  options.acceleration_sigma = 5.0;
+  options.angular_acceleration_sigma = 20.0;
+  MotionModel model(options);
+  const Matrix6d unknown = model.twistCovariance(0);
+  EXPECT_EQ(unknown(0, 0), options.velocity_sigma * options.velocity_sigma) << "not even a mean";
+  constexpr double kInterval_s = 0.05;
+  const auto sway = [](double t) { return 0.02 * std::sin(4.0 * t); };
+  Transform T;
+  const auto drive = [&](int first, int last, bool swaying) {
+    for (int i = first; i < last; ++i) {
+      T.p.x() = 0.01 * i + (swaying ? sway(i * kInterval_s) : 0.0);
+      model.update(T, Matrix6d::Zero(), i * 50 * kMs);
+    }
+  };
+  drive(0, 2, false);
+  EXPECT_NEAR(std::sqrt(model.twistCovariance(100 * kMs)(0, 0)), 0.5 * 5.0 * kInterval_s, 1e-12)
+      << "as the options expect, until more is known";
+  drive(2, 400, true);
+  // rms of 0.02 * 16 sin(4 t)
+  EXPECT_NEAR(std::sqrt(model.twistCovariance(400 * 50 * kMs)(0, 0)),
+              0.5 * 0.02 * 16.0 / std::sqrt(2.0) * kInterval_s, 0.0015);
+  drive(400, 800, false);
+  EXPECT_LT(std::sqrt(model.twistCovariance(800 * 50 * kMs)(0, 0)), 1e-4) << "it goes on steadily";
+  EXPECT_GT(model.twistCovariance(900 * 50 * kMs)(0, 0), 0.5) << "too long ago";
 }
 
 }  // namespace

@@ -73,6 +73,10 @@ class Tracker {
     return motion_.twistTo(T_w_c, time_ns).value_or(Vector6d::Zero());
   }
 
+  [[nodiscard]] Matrix6d twistCovariance(std::int64_t time_ns) const {
+    return motion_.twistCovariance(time_ns);
+  }
+
   // Of a frame out of turn: the pose nearest to a guess, else from the markers alone.
   [[nodiscard]] std::optional<PoseSolution> locate(std::span<const KnownMarker> markers,
                                                    const Transform& guess_T_w_c) const;

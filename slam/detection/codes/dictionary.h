@@ -1,6 +1,8 @@
 // Marker dictionaries: which codes exist, what they look like, and which one was read.
 #pragma once
 
+#include <algorithm>
+#include <array>
 #include <cstdint>
 #include <optional>
 #include <string>
@@ -66,5 +68,13 @@ class Dictionary {
   std::vector<std::uint64_t> turned_codes_;
   std::vector<Entry> entries_;
 };
+
+// Corners or sides as found, turned so that the first is the print's top-left or top. rotation: a
+// Match's.
+template <typename T>
+[[nodiscard]] std::array<T, 4> turnedUpright(std::array<T, 4> found, int rotation) {
+  std::rotate(found.begin(), found.begin() + rotation, found.end());
+  return found;
+}
 
 }  // namespace waymark::slam

@@ -138,26 +138,33 @@ WAYMARK_VECTORIZED void linearize(const EdgeRows& rows, const GroupNeighbours& n
       BlurredStep<Lanes> edge;
       blurredStepAt(place, &edge);
       Lanes dark = edge.height;
-      Lanes by_shift = edge.slope * (contrast * per_blur);
-      if (near.start || near.end || near.ring) {
-        Lanes factor = none + 1.0F;
+      Lanes by_shift = edge.slope;
+      Lanes by_spread = edge.slope * place;
+      if (near.ring) {  // the border ends where the cells begin, and moves with its edge
+        const Lanes inner = place - lanesAt(rows.thickness.data(), i) * per_blur;
+        const Lanes white_cell = lanesAt(rows.ring_white.data(), i);
+        blurredStepAt(inner, &edge);
+        dark -= white_cell * edge.height;
+        by_shift -= white_cell * edge.slope;
+        by_spread -= white_cell * edge.slope * inner;
+      }
+      Lanes factor = none + contrast * per_blur;
+      if (near.start || near.end) {
+        Lanes within = none + 1.0F;
         if (near.start) {
           blurredStepAt(to_start * per_blur, &edge);
-          factor *= edge.height;
+          within *= edge.height;
         }
         if (near.end) {
           blurredStepAt(to_end * per_blur, &edge);
-          factor *= edge.height;
+          within *= edge.height;
         }
-        if (near.ring) {
-          blurredStepAt(-(distance + lanesAt(rows.thickness.data(), i)) * per_blur, &edge);
-          factor *= 1.0F - lanesAt(rows.ring_white.data(), i) * edge.height;
-        }
-        dark *= factor;
-        by_shift *= factor;
+        dark *= within;
+        factor *= within;
       }
+      by_shift *= factor;
       const Lanes light = 1.0F - dark;
-      const Lanes by_blur = -by_shift * place;
+      const Lanes by_blur = -by_spread * factor;
       const Lanes residual = light * white + dark * black - lanesAt(grey, k * kLanes);
       const IntLanes counts = (distance >= innermost) & (distance <= outermost);
       const Lanes robust = 1.0F / (1.0F + residual * residual * per_cut);

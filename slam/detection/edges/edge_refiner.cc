@@ -236,13 +236,15 @@ double marginVariance(const EdgeRows& rows, const EdgeFit& fit, const EdgeRefine
   return sigma_px * sigma_px;
 }
 
-// What is not in the variance of a soft side's fit, pixels squared.
-double softVariance(const EdgeRows& rows, const EdgeFit& fit, const MarkerSide& side,
-                    const EdgeRefinerOptions& options) {
+// What is not in the variance of a side's fit, pixels squared.
+double narrowVariance(const EdgeFit& fit, const MarkerSide& side,
+                      const EdgeRefinerOptions& options) {
   const double thickness = std::min(side.thickness_start, side.thickness_end);
   const double narrow = std::max(fit.blur_px / thickness - options.narrow_border, 0.0);
   const double by_cells = options.narrow_border_sigma * narrow * fit.blur_px;
-  return by_cells * by_cells + marginVariance(rows, fit, options);
+  const double beyond_px = std::max(options.window.min_reach_px - thickness, 0.0);
+  const double by_window = options.beyond_border_sigma * beyond_px;
+  return by_cells * by_cells + by_window * by_window;
 }
 
 constexpr double kGrownBlur = 1.25;
@@ -283,8 +285,8 @@ std::string EdgeRefinerOptions::invalidReason() const {
           {isNotNegative(bow_chi2) && isNotNegative(min_bow_px) && isNotNegative(bow_share),
            "chi-square, size and share of a side's bow must not be negative"},
           {isNotNegative(soft_blur_px) && isNotNegative(narrow_border) &&
-               isNotNegative(narrow_border_sigma),
-           "blur, share and sigma of a narrow border must not be negative"},
+               isNotNegative(narrow_border_sigma) && isNotNegative(beyond_border_sigma),
+           "blur, share and sigmas of a narrow border must not be negative"},
           {isNotNegative(margin_chi2) && isPositive(margin_far) && isNotNegative(margin_sigma),
            "what tells of a narrow margin must not be negative"},
           {bent_passes >= 0, "the fits of a bent side must not be negative"},
@@ -405,8 +407,10 @@ std::optional<RefinedQuad> EdgeRefiner::refine(const PlacedImage& placed,
       settled = settled && largestShift(fit) < options_.settled_shift_px &&
                 fit.blur_px < kGrownBlur * blur_px;
       if (pass < 0 || ring == nullptr) continue;
-      shapes.blur_variance[k] =
-          isSoft(fit.blur_px, placed) ? softVariance(rows_, fit, (*sides)[k], options_) : 0.0;
+      shapes.narrow_variance[k] = narrowVariance(fit, (*sides)[k], options_);
+      if (isSoft(fit.blur_px, placed)) {
+        shapes.narrow_variance[k] += marginVariance(rows_, fit, options_);
+      }
       if (!isBent(fit, options_)) continue;
       shapes.bow_px[k] += fit.bow_px;
       settled = false;
@@ -426,7 +430,7 @@ bool EdgeRefiner::meetSides(const std::array<MarkerSide, 4>& sides, const SideSh
       std::hypot(options_.systematic_sigma_px, options_.bow_share * shapes.largestBow_px());
   const auto variance = [&](std::size_t k, Eigen::Index end) {
     const double by_bow = shapes.bow_px[k] == 0.0 ? 0.0 : quad->edges[k].bent_variance[end];
-    return shapes.blur_variance[k] + by_bow;
+    return shapes.narrow_variance[k] + by_bow;
   };
   for (std::size_t k = 0; k < 4; ++k) {
     const std::size_t before = (k + 3) % 4;

@@ -66,13 +66,16 @@ struct EdgeRefinerOptions {
   // ... and as the corners of bent paper are not those of a square, all four may be off by this
   // share of the largest bow. More takes weight from flat prints whose sides a lens bends.
   double bow_share = 0.5;
-  // What follows is for soft edges: with this blur and more, pixels of the camera's image.
-  double soft_blur_px = 0.85;
   // Where the blur is a larger share of the border's thickness than `narrow_border`, cells and what
   // is behind the paper reach the edge in ways that no model has. The error of a side by that, in
   // units of the blur, for each unit of the share.
   double narrow_border = 0.15;
   double narrow_border_sigma = 0.3;
+  // A border that is thinner than the least window (window.min_reach_px) shows what is beyond it:
+  // the error of a side by that, for each pixel of the difference.
+  double beyond_border_sigma = 0.5;
+  // What follows is for soft edges: with this blur and more, pixels of the camera's image.
+  double soft_blur_px = 0.85;
   // Where the paper's margin is narrow, what is behind it darkens the window's outer end: beyond
   // `margin_far` standard deviations of the blur residuals are darker than nearer to the edge,
   // beyond chance (chi-square), by a share of the contrast. For each unit of that share the side is
@@ -141,8 +144,8 @@ class EdgeRefiner {
 
   // What straight, clean sides do not have.
   struct SideShapes {
-    std::array<double, 4> bow_px{};         // outwards; 0 where a side is straight
-    std::array<double, 4> blur_variance{};  // of a soft side's place, pixels squared
+    std::array<double, 4> bow_px{};           // outwards; 0 where a side is straight
+    std::array<double, 4> narrow_variance{};  // of a side's place, pixels squared
 
     [[nodiscard]] double largestBow_px() const;
     [[nodiscard]] int passes(const EdgeRefinerOptions& options) const;

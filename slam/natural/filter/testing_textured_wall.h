@@ -66,15 +66,27 @@ class TexturedWall {
   // noise: of a pixel, grey levels.
   void render(const CameraModel& camera, const Transform& T_w_c, double noise, unsigned seed,
               std::vector<std::uint8_t>* pixels) {
+    renderRows(
+        camera, [&](int) { return T_w_c; }, noise, seed, pixels);
+  }
+  // The same through a rolling shutter: poseOf(row) is where the camera is when it reads a row.
+  template <typename PoseOf>
+  void renderRows(const CameraModel& camera, const PoseOf& poseOf, double noise, unsigned seed,
+                  std::vector<std::uint8_t>* pixels) {
     const auto width = static_cast<std::size_t>(camera.width());
     const auto height = static_cast<std::size_t>(camera.height());
     if (rays_.size() != width * height) makeRays(camera);
     if (noise_.empty()) makeNoise();
     pixels->resize(width * height);
     std::size_t next = (seed * 7919U) % (noise_.size() / 2);
-    const Eigen::Matrix3f R = T_w_c.R.cast<float>();
-    const Eigen::Vector3f eye = T_w_c.p.cast<float>();
+    Eigen::Matrix3f R;
+    Eigen::Vector3f eye;
     for (std::size_t i = 0; i < pixels->size(); ++i) {
+      if (i % width == 0) {
+        const Transform T_w_c = poseOf(static_cast<int>(i / width));
+        R = T_w_c.R.cast<float>();
+        eye = T_w_c.p.cast<float>();
+      }
       const Eigen::Vector3f ray = R * Eigen::Vector3f(rays_[i].x(), rays_[i].y(), 1.0F);
       float grey = kBeyond;
       if (ray.y() > 0.02F) {

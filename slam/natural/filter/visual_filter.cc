@@ -7,6 +7,7 @@
 
 #include <Eigen/LU>
 
+#include "slam/geometry/image_velocity.h"
 #include "slam/option_checks.h"
 
 namespace waymark::slam {
@@ -126,6 +127,41 @@ VisualUpdate VisualFilter::update(const ImageView& image, const CameraModel& cam
 
 // --- Search --------------------------------------------------------------------------------------
 
+auto VisualFilter::skewOf(const CameraModel& camera, double row_px, const Eigen::Vector3d& y,
+                          double rho) const -> Skew {
+  Skew skew;
+  if (readout_s_ == 0.0) return skew;
+  const FilterState& state = filter_.state();
+  const Eigen::Matrix3d R_c_w = state.camera().R.transpose();
+  Matrix26d by_twist = imageVelocityJacobian(y);
+  by_twist.leftCols<3>() *= rho;
+  Twist twist;
+  twist << R_c_w * state.velocity(), state.angularVelocity();
+  by_twist *= readout_s_ * rowTime(row_px, camera.height());
+  skew.normalized = by_twist * twist;
+  // As if each feature had a motion of its own: its error is one for all of them, and goes into
+  // what is estimated of the camera only as noise.
+  by_twist.leftCols<3>() *= R_c_w;
+  constexpr int kVelocity = 6;  // of the filter's coordinates
+  skew.covariance = by_twist * state.P<6, 6>(kVelocity, kVelocity) * by_twist.transpose();
+  return skew;
+}
+
+void VisualFilter::expectSkewed(const CameraModel& camera, Candidate* candidate) const {
+  const StateFeature& f = stateOf(candidate->feature);
+  const Transform& T_w_a = filter_.state().poses()[static_cast<std::size_t>(f.pose)].T_w_s;
+  const Transform& T_w_c = filter_.state().camera();
+  const Eigen::Vector3d y =
+      T_w_c.R.transpose() * (T_w_a.R * f.uv.homogeneous() + f.rho * (T_w_a.p - T_w_c.p));
+  if (readout_s_ == 0.0 || !(y.z() > 0.0)) return;
+  const Skew skew = skewOf(camera, candidate->expected.pixel.y(), y, f.rho);
+  Eigen::Matrix2d D;
+  (void)camera.distort(y.head<2>() / y.z(), &D);
+  candidate->skew = {D * skew.normalized, D * skew.covariance * D.transpose()};
+  candidate->expected.pixel += candidate->skew.normalized;
+  candidate->expected.covariance += candidate->skew.covariance;
+}
+
 void VisualFilter::expectFeatures(const CameraModel& camera) {
   candidates_.clear();
   for (std::size_t i = 0; i < features_.size(); ++i) {
@@ -137,8 +173,11 @@ void VisualFilter::expectFeatures(const CameraModel& camera) {
       continue;
     }
     features_[i].outside = 0;
-    candidates_.push_back(
-        {feature, *expected, features_[i].age < options_.features.trial_frames, false, false});
+    Candidate& candidate = candidates_.emplace_back();
+    candidate.feature = feature;
+    candidate.expected = *expected;
+    candidate.on_trial = features_[i].age < options_.features.trial_frames;
+    expectSkewed(camera, &candidate);
   }
 }
 
@@ -147,8 +186,10 @@ double VisualFilter::systematicFrames() const {
 }
 
 FeatureMatch VisualFilter::matchOf(const Candidate& candidate, const FoundFeature& found) const {
-  FeatureMatch match{candidate.feature, found.pixel,        found.covariance,
-                     found.covariance,  candidate.on_trial, ageOf(candidate.feature)};
+  const Eigen::Matrix2d covariance = found.covariance + candidate.skew.covariance;
+  FeatureMatch match{candidate.feature,  found.pixel - candidate.skew.normalized,
+                     covariance,         covariance,
+                     candidate.on_trial, ageOf(candidate.feature)};
   const Eigen::Matrix2d systematic =
       found.systematic_px * found.systematic_px * Eigen::Matrix2d::Identity();
   match.covariance_once += systematic;
@@ -184,7 +225,8 @@ void VisualFilter::lookForFeatures(const CameraModel& camera, VisualUpdate* resu
     candidate.believed = accepted_[k] != 0;
     if (!candidate.believed || matches_[k].on_trial) continue;
     ++result->believed;
-    squares += (matches_[k].pixel - candidate.expected.pixel).squaredNorm();
+    squares +=
+        (matches_[k].pixel + candidate.skew.normalized - candidate.expected.pixel).squaredNorm();
   }
   result->expected = static_cast<int>(candidates_.size());
   result->found = static_cast<int>(matches_.size());
@@ -199,7 +241,8 @@ void VisualFilter::lookForFeatures(const CameraModel& camera, VisualUpdate* resu
   }
   for (std::size_t k = 0; k < matches_.size(); ++k) {
     Shown& shown = shown_[static_cast<std::size_t>(candidate_of_match_[k])];
-    shown.match = matches_[k].pixel;
+    shown.match = matches_[k].pixel +
+                  candidates_[static_cast<std::size_t>(candidate_of_match_[k])].skew.normalized;
     shown.sigma_px = std::sqrt(0.5 * matches_[k].covariance_once.trace());
   }
 }
@@ -320,12 +363,12 @@ int VisualFilter::addAtLikelyDepth(const NewFeature& feature, const Eigen::Vecto
   if (first >= 0) {
     return filter_.addFeatureLike({&first, 1}, anchor, feature.uv, feature.uv_covariance, ratio);
   }
-  const double rho = 1.0 / (at_markers ? marker_depth_m_ : options_.features.first_depth_m);
+  const double rho = 1.0 / likelyDepth_m();
   return filter_.addFeature(anchor, feature.uv, rho,
                             featureCovariance(feature.uv_covariance, ratio * rho));
 }
 
-auto VisualFilter::cutFeature(const CameraModel& camera, const Eigen::Vector2d& pixel,
+auto VisualFilter::cutFeature(const CameraModel& camera, const Eigen::Vector2d& pixel, double rho,
                               double max_sigma_px) const -> std::optional<NewFeature> {
   const int x = static_cast<int>(std::lround(pixel.x()));
   const int y = static_cast<int>(std::lround(pixel.y()));
@@ -342,9 +385,11 @@ auto VisualFilter::cutFeature(const CameraModel& camera, const Eigen::Vector2d& 
   const Eigen::Matrix2d uv_from_pixel = D.inverse();
   // What the patch shows around the feature is what is found again: with the noise it has here.
   const double s = options_.patches.systematic_px;
-  made.uv = *uv;
+  const Skew skew = skewOf(camera, pixel.y(), uv->homogeneous(), rho);
+  made.uv = *uv - skew.normalized;
   made.uv_covariance =
-      uv_from_pixel * (C + s * s * Eigen::Matrix2d::Identity()) * uv_from_pixel.transpose();
+      uv_from_pixel * (C + s * s * Eigen::Matrix2d::Identity()) * uv_from_pixel.transpose() +
+      skew.covariance;
   made.feature.look.uv_from_pixel = uv_from_pixel;
   return made;
 }
@@ -434,7 +479,8 @@ void VisualFilter::addFeatures(const CameraModel& camera, VisualUpdate* result) 
   for (const FoundCorner& corner : found_corners_) {
     if (filter_.state().featureCount() >= static_cast<int>(features_.size())) break;
     const Eigen::Vector2d pixel(corner.x, corner.y);
-    const auto made = cutFeature(camera, pixel, options_.features.max_sigma_px);
+    const auto made =
+        cutFeature(camera, pixel, 1.0 / likelyDepth_m(), options_.features.max_sigma_px);
     if (!made) continue;
     const int place = addAtLikelyDepth(*made, pixel, anchor, first);
     if (place < 0) continue;
@@ -456,7 +502,7 @@ int VisualFilter::addKnownPoints(const ImageView& image, const CameraModel& came
   int added = 0;
   for (const KnownPoint& point : points) {
     if (!camera.inImage(point.pixel, kNewBorder_px)) continue;
-    const auto made = cutFeature(camera, point.pixel, kAnyTexture);
+    const auto made = cutFeature(camera, point.pixel, point.rho, kAnyTexture);
     if (!made) continue;
     const int place = filter_.addFeature(anchor, made->uv, point.rho,
                                          featureCovariance(made->uv_covariance, point.rho_sigma));

@@ -120,6 +120,10 @@ class VisualFilter {
   void reset() { running_ = false; }
   [[nodiscard]] bool running() const { return running_; }
 
+  // A rolling shutter, seconds from first to last row: features are taken as at the middle row's
+  // time, as the markers given to update() have to be. 0 for none.
+  void setReadout(double readout_s) { readout_s_ = readout_s; }
+
   // Precondition of these: running().
   void predict(double dt_s);
   // image: of the camera's size; empty for none. markers: those in view that the map knows.
@@ -183,16 +187,26 @@ class VisualFilter {
     int failures = 0;  // in succession
     int outside = 0;   // frames in succession
   };
+  // What a rolling shutter does to a feature's place, which comes late in the image, or early.
+  struct Skew {
+    Eigen::Vector2d normalized = Eigen::Vector2d::Zero();  // so far is it from where it should be
+    Eigen::Matrix2d covariance = Eigen::Matrix2d::Zero();  // what the motion leaves open
+  };
   // A feature that should be in view.
   struct Candidate {
     int feature = -1;
-    ExpectedFeature expected;
+    ExpectedFeature expected;  // where the image shows it
+    Skew skew;                 // pixels, pixels^2
     bool on_trial = false;
     bool found = false;
     bool believed = false;
     double stretch = 0.0;  // of its patch, where it was found
   };
 
+  // Of a point in the camera frame times its inverse depth, which that row shows.
+  [[nodiscard]] Skew skewOf(const CameraModel& camera, double row_px, const Eigen::Vector3d& y,
+                            double rho) const;
+  void expectSkewed(const CameraModel& camera, Candidate* candidate) const;
   void lookForFeatures(const CameraModel& camera, VisualUpdate* result);
   void expectFeatures(const CameraModel& camera);
   [[nodiscard]] FeatureMatch matchOf(const Candidate& candidate, const FoundFeature& found) const;
@@ -220,12 +234,16 @@ class VisualFilter {
   // A feature to be: what is seen of it in the image at hand.
   struct NewFeature {
     Feature feature;
-    Eigen::Vector2d uv = Eigen::Vector2d::Zero();
+    Eigen::Vector2d uv = Eigen::Vector2d::Zero();  // as at the middle row's time
     Eigen::Matrix2d uv_covariance = Eigen::Matrix2d::Zero();
   };
   [[nodiscard]] std::optional<NewFeature> cutFeature(const CameraModel& camera,
-                                                     const Eigen::Vector2d& pixel,
+                                                     const Eigen::Vector2d& pixel, double rho,
                                                      double max_sigma_px) const;
+  // Of what new features are likely to be on.
+  [[nodiscard]] double likelyDepth_m() const {
+    return marker_depth_m_ > 0.0 ? marker_depth_m_ : options_.features.first_depth_m;
+  }
   // Its place in the state, as deep as its surroundings are likely to be; -1 when there is none.
   // first: of those added in this frame, -1 for the first one itself.
   [[nodiscard]] int addAtLikelyDepth(const NewFeature& feature, const Eigen::Vector2d& pixel,
@@ -248,6 +266,7 @@ class VisualFilter {
   int next_surface_ = 0;
   int frames_since_lot_ = 0;
   double frame_s_ = 0.0;  // since the last frame
+  double readout_s_ = 0.0;
 
   // Of the frame at hand.
   std::vector<Candidate> candidates_;
