@@ -37,18 +37,26 @@ quick_verdict() {
   jq -e 'all(.ok)' "$work/checks.json" > /dev/null
 }
 
-# How far the seeds scatter, and from that the limits: the mean and four standard deviations.
+# How far the seeds scatter, and from that the limits: the mean and four standard deviations. A value
+# that had a closer limit before keeps all of that.
 quick_derive_limits() {
-  jq -s --argjson made "$(provenance)" --arg seeds "$seeds" "{
-      comment: \"Made by scripts/evaluate --quick-limits: what the seeds gave, and the limits, 4 standard deviations beyond the mean.\",
+  local before=$quick_limits
+  [[ -f $before ]] || before=/dev/null
+  jq -s --argjson made "$(provenance)" --arg seeds "$seeds" --slurpfile before "$before" "
+    def closer(\$k; \$old; \$new):
+      if \$old == null or \$old.limit == \$new.limit then \$new
+      elif (\$k == \"in_view_percent\") == (\$old.limit > \$new.limit) then \$old else \$new end;
+    {
+      comment: \"Made by scripts/evaluate --quick-limits: what the seeds gave, and the limits, 4 standard deviations beyond the mean; where an earlier version had a closer one, that.\",
       made: \$made, seeds: \$seeds,
-      rows: (group_by(.row) | map({key: .[0].row, value: (map($quick_values) | . as \$all
+      rows: (group_by(.row) | map(.[0].row as \$row | {key: \$row, value: (map($quick_values) | . as \$all
         | [.[0] | keys_unsorted[]] | map(. as \$k | (\$all | map(.[\$k])) as \$v
           | (\$v | add / length) as \$mean
           | (\$v | map((. - \$mean) * (. - \$mean)) | add / (length - 1) | sqrt) as \$sd
           | (\$v | if \$k == \"in_view_percent\" then min else max end) as \$worst
           | {key: \$k, value: ({mean: \$mean, sd: \$sd, worst: \$worst,
               limit: (if \$k == \"in_view_percent\" then \$mean - 4 * \$sd else \$mean + 4 * \$sd end)}
-              | map_values(. * 1000 | round / 1000))}) | from_entries)}) | from_entries)}" \
+              | map_values(. * 1000 | round / 1000)
+              | closer(\$k; \$before[0].rows[\$row][\$k]; .))}) | from_entries)}) | from_entries)}" \
     "$measured"/quick/*.json | write_json "$quick_limits"
 }

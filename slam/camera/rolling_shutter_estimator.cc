@@ -68,33 +68,32 @@ std::optional<Transform> RollingShutterEstimator::collect(const CameraModel& cam
                                                           const BundleOptions& optimization,
                                                           Map* map) {
   if (estimate_ && estimate_->done()) {
-    believed_ = takeBelievable();
-    if (believed_) beginWhole(camera, optimization, *map);
+    if (const auto found = takeBelievable()) beginWhole(*found, camera, optimization, *map);
     return std::nullopt;
   }
   if (!isDone()) return std::nullopt;
-  if (begun_epoch_ != map->epoch()) {  // of a world that is no more
-    beginWhole(camera, optimization, *map);
+  const ReadoutEstimate readout = adoption_->readout;
+  if (adoption_->epoch != map->epoch()) {  // of a world that is no more
+    beginWhole(readout, camera, optimization, *map);
     return std::nullopt;
   }
   const MapCorrection correction = whole_->take();
   whole_.reset();
-  seen_anew_.reset();
-  seconds_ = believed_->readout_s;
-  sigma_s_ = believed_->sigma_s;
+  adoption_.reset();
+  seconds_ = readout.readout_s;
+  sigma_s_ = readout.sigma_s;
   undistortAgain(camera, seconds_, map);
   return applyWhole(correction, map);
 }
 
-void RollingShutterEstimator::beginWhole(const CameraModel& camera,
+void RollingShutterEstimator::beginWhole(const ReadoutEstimate& readout, const CameraModel& camera,
                                          const BundleOptions& optimization, const Map& map) {
   whole_.reset();
-  begun_epoch_ = map.epoch();
-  seen_anew_ = map;
-  undistortAgain(camera, believed_->readout_s, &*seen_anew_);
+  adoption_ = Adoption{readout, map.epoch(), map};
+  const Map& seen = adoption_->map;
+  undistortAgain(camera, readout.readout_s, &adoption_->map);
   whole_.emplace([&](Budget* budget) {
-    return optimizeSubproblem(*seen_anew_, wholeMap(*seen_anew_), markers_, ungated(optimization),
-                              budget);
+    return optimizeSubproblem(seen, wholeMap(seen), markers_, ungated(optimization), budget);
   });
 }
 

@@ -56,8 +56,9 @@ class RollingShutterEstimator {
   [[nodiscard]] bool isDue(const Map& map) const;
   // The estimate that is done, if it is to be used.
   [[nodiscard]] std::optional<ReadoutEstimate> takeBelievable();
-  // The optimization of the whole map as what is believed shows it.
-  void beginWhole(const CameraModel& camera, const BundleOptions& optimization, const Map& map);
+  // The optimization of the whole map as this readout shows it.
+  void beginWhole(const ReadoutEstimate& readout, const CameraModel& camera,
+                  const BundleOptions& optimization, const Map& map);
 
   RollingShutterOptions shutter_;
   MarkerOptions markers_;
@@ -65,10 +66,14 @@ class RollingShutterEstimator {
   double sigma_s_;
   int next_keyframes_;  // it is estimated again when the map has so many
   std::optional<SlicedTask<std::optional<ReadoutEstimate>>> estimate_;
-  // To be in use; the map as it shows it, begun in this epoch; and how that is optimized.
-  std::optional<ReadoutEstimate> believed_;
-  std::uint64_t begun_epoch_ = 0;
-  std::optional<Map> seen_anew_;
+  // A readout time that is believed, and the map of an epoch as it shows it; and how that map is
+  // optimized.
+  struct Adoption {
+    ReadoutEstimate readout;
+    std::uint64_t epoch;
+    Map map;
+  };
+  std::optional<Adoption> adoption_;
   std::optional<SlicedTask<MapCorrection>> whole_;
 };
 

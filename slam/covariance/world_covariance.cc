@@ -119,10 +119,11 @@ std::optional<MapSpread> spreadOfMap(const Voices& voices, const MapMarginals& m
     if (by_camera != nullptr) spread.by_camera.noalias() += a->gain * *by_camera;
   }
   spread.covariance = X + X.transpose();
+  if (hanging.isZero(0.0)) return spread;
   constexpr double kWorse = 4.0;  // as variances: what is less is how the two were computed
   const Matrix6d& known = *marginals.find(leader.id());
   const Matrix6d doubt = otherwise.at(p_w).covariance;
-  spread.doubted = !hanging.isZero(0.0) && ofPlace(doubt) > kWorse * ofPlace(known);
+  spread.doubted = ofPlace(doubt) > kWorse * ofPlace(known);
   if (spread.doubted) {
     spread.covariance += hanging * excessOf(doubt, known) * hanging.transpose();
   }
@@ -173,15 +174,15 @@ std::optional<WorldCovariance> worldCovariance(const PoseSolution& solution,
   in_order.reserve(voices.size());
   for (Voice& voice : voices) in_order.push_back(&voice);
   std::ranges::sort(in_order, std::ranges::greater{}, &Voice::information);
-  result.of_map = otherwise.at(solution.T_w_c.p).covariance;
+  const Eigen::Vector3d& p_w = solution.T_w_c.p;
   if (const auto spread = spreadOfMap(in_order, marginals, otherwise, arena.get())) {
-    const Matrix6d of_map = atCamera(spread->covariance);
+    const PlaceDoubt doubt{p_w, atCamera(spread->covariance), *H_inverse * spread->by_camera};
     // Markers that agree with each other leave no more open than the doubt of all of them.
-    if (!spread->doubted || ofPlace(of_map) <= ofPlace(result.of_map)) {
-      result.doubt = PlaceDoubt{solution.T_w_c.p, of_map, *H_inverse * spread->by_camera};
-      result.of_map = of_map;
-    }
+    const bool is_less =
+        !spread->doubted || ofPlace(doubt.covariance) <= ofPlace(otherwise.at(p_w).covariance);
+    if (is_less) result.doubt = doubt;
   }
+  result.of_map = result.doubt ? result.doubt->covariance : otherwise.at(p_w).covariance;
   result.of_corners = atCamera(noise);
   if (!std::ranges::all_of(voices, &Voice::of_map)) {
     Matrix6d own = Matrix6d::Zero();

@@ -23,6 +23,14 @@ struct PointView {
   Eigen::RowVector3d J_forward = Eigen::RowVector3d::Zero();
 };
 
+// Where a feature lies in a camera's frame, times its inverse depth: finite also when it is
+// infinitely far away.
+[[nodiscard]] inline Eigen::Vector3d directionTo(const StateFeature& feature,
+                                                 const Transform& T_w_a, const Transform& T_w_c) {
+  const Eigen::Vector3d ray_w = T_w_a.R * Eigen::Vector3d(feature.uv.x(), feature.uv.y(), 1.0);
+  return T_w_c.R.transpose() * (ray_w + feature.rho * (T_w_a.p - T_w_c.p));
+}
+
 // A feature, in pixels. False behind the camera or outside the lens's range.
 [[nodiscard]] bool viewFeature(const CameraModel& camera, const Transform& T_w_c,
                                const Transform& T_w_a, const StateFeature& feature,

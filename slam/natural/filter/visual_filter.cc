@@ -7,7 +7,7 @@
 
 #include <Eigen/LU>
 
-#include "slam/geometry/image_velocity.h"
+#include "slam/natural/filter/point_view.h"
 #include "slam/option_checks.h"
 
 namespace waymark::slam {
@@ -127,41 +127,6 @@ VisualUpdate VisualFilter::update(const ImageView& image, const CameraModel& cam
 
 // --- Search --------------------------------------------------------------------------------------
 
-auto VisualFilter::skewOf(const CameraModel& camera, double row_px, const Eigen::Vector3d& y,
-                          double rho) const -> Skew {
-  Skew skew;
-  if (readout_s_ == 0.0) return skew;
-  const FilterState& state = filter_.state();
-  const Eigen::Matrix3d R_c_w = state.camera().R.transpose();
-  Matrix26d by_twist = imageVelocityJacobian(y);
-  by_twist.leftCols<3>() *= rho;
-  Twist twist;
-  twist << R_c_w * state.velocity(), state.angularVelocity();
-  by_twist *= readout_s_ * rowTime(row_px, camera.height());
-  skew.normalized = by_twist * twist;
-  // As if each feature had a motion of its own: its error is one for all of them, and goes into
-  // what is estimated of the camera only as noise.
-  by_twist.leftCols<3>() *= R_c_w;
-  constexpr int kVelocity = 6;  // of the filter's coordinates
-  skew.covariance = by_twist * state.P<6, 6>(kVelocity, kVelocity) * by_twist.transpose();
-  return skew;
-}
-
-void VisualFilter::expectSkewed(const CameraModel& camera, Candidate* candidate) const {
-  const StateFeature& f = stateOf(candidate->feature);
-  const Transform& T_w_a = filter_.state().poses()[static_cast<std::size_t>(f.pose)].T_w_s;
-  const Transform& T_w_c = filter_.state().camera();
-  const Eigen::Vector3d y =
-      T_w_c.R.transpose() * (T_w_a.R * f.uv.homogeneous() + f.rho * (T_w_a.p - T_w_c.p));
-  if (readout_s_ == 0.0 || !(y.z() > 0.0)) return;
-  const Skew skew = skewOf(camera, candidate->expected.pixel.y(), y, f.rho);
-  Eigen::Matrix2d D;
-  (void)camera.distort(y.head<2>() / y.z(), &D);
-  candidate->skew = {D * skew.normalized, D * skew.covariance * D.transpose()};
-  candidate->expected.pixel += candidate->skew.normalized;
-  candidate->expected.covariance += candidate->skew.covariance;
-}
-
 void VisualFilter::expectFeatures(const CameraModel& camera) {
   candidates_.clear();
   for (std::size_t i = 0; i < features_.size(); ++i) {
@@ -187,7 +152,7 @@ double VisualFilter::systematicFrames() const {
 
 FeatureMatch VisualFilter::matchOf(const Candidate& candidate, const FoundFeature& found) const {
   const Eigen::Matrix2d covariance = found.covariance + candidate.skew.covariance;
-  FeatureMatch match{candidate.feature,  found.pixel - candidate.skew.normalized,
+  FeatureMatch match{candidate.feature,  found.pixel - candidate.skew.shift,
                      covariance,         covariance,
                      candidate.on_trial, ageOf(candidate.feature)};
   const Eigen::Matrix2d systematic =
@@ -225,8 +190,7 @@ void VisualFilter::lookForFeatures(const CameraModel& camera, VisualUpdate* resu
     candidate.believed = accepted_[k] != 0;
     if (!candidate.believed || matches_[k].on_trial) continue;
     ++result->believed;
-    squares +=
-        (matches_[k].pixel + candidate.skew.normalized - candidate.expected.pixel).squaredNorm();
+    squares += (matches_[k].pixel + candidate.skew.shift - candidate.expected.pixel).squaredNorm();
   }
   result->expected = static_cast<int>(candidates_.size());
   result->found = static_cast<int>(matches_.size());
@@ -240,9 +204,9 @@ void VisualFilter::lookForFeatures(const CameraModel& camera, VisualUpdate* resu
                       .stretch = candidate.stretch});
   }
   for (std::size_t k = 0; k < matches_.size(); ++k) {
-    Shown& shown = shown_[static_cast<std::size_t>(candidate_of_match_[k])];
-    shown.match = matches_[k].pixel +
-                  candidates_[static_cast<std::size_t>(candidate_of_match_[k])].skew.normalized;
+    const auto i = static_cast<std::size_t>(candidate_of_match_[k]);
+    Shown& shown = shown_[i];
+    shown.match = matches_[k].pixel + candidates_[i].skew.shift;
     shown.sigma_px = std::sqrt(0.5 * matches_[k].covariance_once.trace());
   }
 }
@@ -314,9 +278,7 @@ void VisualFilter::estimateSurfaces() {
       const StateFeature& o = stateOf(other);
       if (other == feature || o.offset < 0 || !isWellKnown(other)) continue;
       const Transform& T_w_b = filter_.state().poses()[static_cast<std::size_t>(o.pose)].T_w_s;
-      const Eigen::Vector3d y =
-          T_w_a.R.transpose() *
-          (T_w_b.R * Eigen::Vector3d(o.uv.x(), o.uv.y(), 1.0) + o.rho * (T_w_b.p - T_w_a.p));
+      const Eigen::Vector3d y = directionTo(o, T_w_b, T_w_a);
       if (!(y.z() > 0.1)) continue;
       const Eigen::Vector2d offset = y.head<2>() / y.z() - f.uv;
       if (offset.squaredNorm() > kNear * kNear) continue;
@@ -386,7 +348,7 @@ auto VisualFilter::cutFeature(const CameraModel& camera, const Eigen::Vector2d& 
   // What the patch shows around the feature is what is found again: with the noise it has here.
   const double s = options_.patches.systematic_px;
   const Skew skew = skewOf(camera, pixel.y(), uv->homogeneous(), rho);
-  made.uv = *uv - skew.normalized;
+  made.uv = *uv - skew.shift;
   made.uv_covariance =
       uv_from_pixel * (C + s * s * Eigen::Matrix2d::Identity()) * uv_from_pixel.transpose() +
       skew.covariance;

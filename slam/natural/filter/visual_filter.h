@@ -188,8 +188,9 @@ class VisualFilter {
     int outside = 0;   // frames in succession
   };
   // What a rolling shutter does to a feature's place, which comes late in the image, or early.
+  // Normalized coordinates or pixels.
   struct Skew {
-    Eigen::Vector2d normalized = Eigen::Vector2d::Zero();  // so far is it from where it should be
+    Eigen::Vector2d shift = Eigen::Vector2d::Zero();       // from where it should be
     Eigen::Matrix2d covariance = Eigen::Matrix2d::Zero();  // what the motion leaves open
   };
   // A feature that should be in view.
@@ -203,7 +204,7 @@ class VisualFilter {
     double stretch = 0.0;  // of its patch, where it was found
   };
 
-  // Of a point in the camera frame times its inverse depth, which that row shows.
+  // Normalized, of a point in the camera frame times its inverse depth, which that row shows.
   [[nodiscard]] Skew skewOf(const CameraModel& camera, double row_px, const Eigen::Vector3d& y,
                             double rho) const;
   void expectSkewed(const CameraModel& camera, Candidate* candidate) const;
