@@ -136,9 +136,7 @@ Json keyframeJson(const slam::Keyframe& keyframe) {
   Json detections = Json::array();
   for (const slam::MarkerDetection& detection : keyframe.detections) {
     Json covariances = Json::array();
-    for (const Eigen::Matrix2d& covariance : detection.covariance) {
-      covariances.push_back(matrixJson(covariance));
-    }
+    for (std::size_t k = 0; k < 4; ++k) covariances.push_back(matrixJson(detection.noise(k)));
     detections.push_back({{"id", detection.id},
                           {"hamming", detection.hamming},
                           {"pixels", listOfFour(detection.pixels)},

@@ -7,6 +7,26 @@
 #include "slam/option_checks.h"
 
 namespace waymark::slam {
+namespace {
+
+// Of a marker in the image; where the map does not know it, as its size tells.
+std::array<double, 4> depthsOf(const MarkerDetection& seen, const Transform& T_w_c,
+                               const std::optional<Transform>& T_w_m, double size_m) {
+  const auto known = T_w_m ? depthFromPose(T_w_c, *T_w_m, size_m) : std::nullopt;
+  return known ? *known : depthFromSize(seen, size_m);
+}
+
+// No corner of the marker is off by more than this, normalized, for what is not known of the
+// readout time.
+double mostDoubt(const MarkerDetection& seen, const Twist& twist, double size_m, double sigma_s) {
+  constexpr double kHalf = 0.5;  // of the rows, from the middle one
+  constexpr double kNear = 2.0;  // how much nearer than its size tells a corner may be
+  const double depth_m = depthFromSize(seen, size_m)[0];
+  const double by_turning = twist.tail<3>().norm() * (1.0 + seen.normalized[0].squaredNorm());
+  return sigma_s * kHalf * kNear * (twist.head<3>().norm() / depth_m + by_turning);
+}
+
+}  // namespace
 
 std::string RollingShutterOptions::invalidReason() const {
   return firstUnmet({
@@ -62,10 +82,36 @@ std::optional<MarkerDetection> deskewed(const MarkerDetection& seen, const Camer
   MarkerDetection undistorted = seen;
   if (!undistortCorners(camera, &undistorted)) return std::nullopt;
   if (readout_s == 0.0) return undistorted;
-  const auto known = T_w_m ? depthFromPose(T_w_c, *T_w_m, size_m) : std::nullopt;
   // Corrected before, if only with a predicted velocity, the corners tell the size better.
-  const auto depth_m = known ? *known : depthFromSize(seen, size_m);
-  return atMidFrame(undistorted, camera, twist, depth_m, readout_s);
+  return atMidFrame(undistorted, camera, twist, depthsOf(seen, T_w_c, T_w_m, size_m), readout_s);
+}
+
+void doubtReadout(const CameraModel& camera, const Transform& T_w_c, const Twist& twist,
+                  const std::optional<Transform>& T_w_m, double size_m, double sigma_s,
+                  MarkerDetection* detection) {
+  detection->trustReadout();
+  constexpr double kMatters = 0.5;  // of the corners' standard deviation
+  // Of a fast camera whose shutter is a global one after all, the first poses are as exact as the
+  // corners that still count: a map of a room seen within two seconds suffers from 6 on.
+  constexpr double kMost = 4.0;
+  const double least = kMatters * kMatters * 0.5 * detection->covariance[0].trace();
+  const double most = mostDoubt(*detection, twist, size_m, sigma_s);
+  if (most * most < least) return;
+  const auto depth_m = depthsOf(*detection, T_w_c, T_w_m, size_m);
+  const MarkerDetection moved = atMidFrame(*detection, camera, twist, depth_m, sigma_s);
+  double largest = 0.0;
+  for (std::size_t k = 0; k < 4; ++k) {
+    largest = std::max(largest, (moved.normalized[k] - detection->normalized[k]).squaredNorm());
+  }
+  if (largest < least) return;
+  const double most_told = kMost * std::sqrt(0.5 * detection->covariance[0].trace());
+  const double share = std::min(1.0, most_told / std::sqrt(largest));
+  for (std::size_t k = 0; k < 4; ++k) {
+    detection->readout_doubt[k] =
+        (share * (moved.normalized[k] - detection->normalized[k])).cast<float>();
+    const Eigen::Vector2d by = detection->readout_doubt[k].cast<double>();
+    detection->covariance[k] += by * by.transpose();
+  }
 }
 
 bool believable(double estimated_s, double sigma_s, double in_use_s,

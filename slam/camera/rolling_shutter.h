@@ -39,6 +39,14 @@ namespace waymark::slam {
                                                       const std::optional<Transform>& T_w_m,
                                                       double size_m, double readout_s);
 
+// What is not known of the readout time, sigma_s, becomes noise of the corners
+// (MarkerDetection::readout_doubt) in place of what was: the corners of one frame are off together,
+// but until it is known, its views would speak too loud, and gates would take it for moved markers.
+// Four of the corner's standard deviations at most.
+void doubtReadout(const CameraModel& camera, const Transform& T_w_c, const Twist& twist,
+                  const std::optional<Transform>& T_w_m, double size_m, double sigma_s,
+                  MarkerDetection* detection);
+
 struct RollingShutterOptions {
   // First to last row, seconds: 0 for a global shutter, negative where images are turned upside
   // down. Empty: learned ...

@@ -23,6 +23,12 @@ double sigmaAtTheStart(const RollingShutterOptions& shutter) {
   return std::min(shutter.unknown_s, std::abs(shutter.learned_s) / shutter.min_sigmas);
 }
 
+bool isDoubted(const Map& map) {
+  return std::ranges::any_of(map.keyframes(), [](const auto& entry) {
+    return std::ranges::any_of(entry.second.detections, &MarkerDetection::isDoubted);
+  });
+}
+
 }  // namespace
 
 RollingShutterEstimator::RollingShutterEstimator(const RollingShutterOptions& shutter,
@@ -31,19 +37,39 @@ RollingShutterEstimator::RollingShutterEstimator(const RollingShutterOptions& sh
       markers_(markers),
       seconds_(shutter.readout_s.value_or(shutter.learned_s)),
       sigma_s_(sigmaAtTheStart(shutter)),
+      estimated_(shutter.readout_s || shutter.learned_s != 0.0),
       next_keyframes_(shutter.first_keyframes) {}
 
 void RollingShutterEstimator::deskew(const CameraModel& camera, const Map& map,
                                      const Transform& T_w_c, const Twist& twist,
                                      std::vector<MarkerDetection>* detections) const {
-  if (seconds_ == 0.0) return;
+  const double doubt_s = this->doubt_s(map);
+  if (seconds_ == 0.0 && doubt_s == 0.0) return;
   for (MarkerDetection& detection : *detections) {
     const MapMarker* marker = map.find(detection.id);
-    const auto better =
-        deskewed(detection, camera, T_w_c, twist, marker != nullptr ? marker->T_w_m : std::nullopt,
-                 markers_.sizeOf(detection.id), seconds_);
-    if (better) detection = *better;
+    const auto T_w_m = marker != nullptr ? marker->T_w_m : std::nullopt;
+    const double size_m = markers_.sizeOf(detection.id);
+    if (seconds_ != 0.0) {
+      const auto better = deskewed(detection, camera, T_w_c, twist, T_w_m, size_m, seconds_);
+      if (better) detection = *better;
+    }
+    if (doubt_s != 0.0) {
+      doubtReadout(camera, T_w_c, twist, T_w_m, size_m, doubt_s, &detection);
+    }
   }
+}
+
+void RollingShutterEstimator::deskew(const CameraModel& camera, KeyframeId keyframe,
+                                     Map* map) const {
+  if (seconds_ != 0.0) undistortAgain(camera, seconds_, keyframe, map);
+  if (const double sigma_s = doubt_s(*map); sigma_s != 0.0) {
+    doubtReadout(camera, sigma_s, keyframe, map);
+  }
+}
+
+double RollingShutterEstimator::doubt_s(const Map& map) const {
+  const bool is_small = static_cast<int>(map.keyframes().size()) < shutter_.first_keyframes;
+  return !estimated_ && (is_small || estimate_ || whole_) ? sigma_s_ : 0.0;
 }
 
 bool RollingShutterEstimator::isDue(const Map& map) const {
@@ -68,7 +94,7 @@ std::optional<Transform> RollingShutterEstimator::collect(const CameraModel& cam
                                                           const BundleOptions& optimization,
                                                           Map* map) {
   if (estimate_ && estimate_->done()) {
-    if (const auto found = takeBelievable()) beginWhole(*found, camera, optimization, *map);
+    if (const auto news = takeNews(*map)) beginWhole(*news, camera, optimization, *map);
     return std::nullopt;
   }
   if (!isDone()) return std::nullopt;
@@ -83,6 +109,8 @@ std::optional<Transform> RollingShutterEstimator::collect(const CameraModel& cam
   seconds_ = readout.readout_s;
   sigma_s_ = readout.sigma_s;
   undistortAgain(camera, seconds_, map);
+  trustReadout(map);
+  estimated_ = true;
   return applyWhole(correction, map);
 }
 
@@ -92,17 +120,22 @@ void RollingShutterEstimator::beginWhole(const ReadoutEstimate& readout, const C
   adoption_ = Adoption{readout, map.epoch(), map};
   const Map& seen = adoption_->map;
   undistortAgain(camera, readout.readout_s, &adoption_->map);
+  trustReadout(&adoption_->map);
   whole_.emplace([&](Budget* budget) {
     return optimizeSubproblem(seen, wholeMap(seen), markers_, ungated(optimization), budget);
   });
 }
 
-std::optional<ReadoutEstimate> RollingShutterEstimator::takeBelievable() {
+std::optional<ReadoutEstimate> RollingShutterEstimator::takeNews(const Map& map) {
   const std::optional<ReadoutEstimate> found = estimate_->take();
   estimate_.reset();
-  if (!found || believable(found->readout_s, found->sigma_s, seconds_, shutter_)) return found;
-  const double off_s = found->readout_s - seconds_;
-  sigma_s_ = std::min(shutter_.unknown_s, std::hypot(off_s, found->sigma_s));
+  if (found && believable(found->readout_s, found->sigma_s, seconds_, shutter_)) return found;
+  if (found) {
+    const double off_s = found->readout_s - seconds_;
+    sigma_s_ = std::min(shutter_.unknown_s, std::hypot(off_s, found->sigma_s));
+  }
+  if (isDoubted(map)) return ReadoutEstimate{seconds_, sigma_s_};
+  estimated_ = true;
   return std::nullopt;
 }
 

@@ -22,7 +22,7 @@ bool same(const Transform& a, const Transform& b) { return a.p == b.p && a.R == 
 class RollingShutterEstimatorTest : public ::testing::Test {
  protected:
   // One more keyframe, where it truly is; what it shows is skewed.
-  void addKeyframe(double speed, Map* map) {
+  void addKeyframe(double speed, Map* map, double readout_s = kReadout_s) {
     std::uniform_real_distribution<double> u(-speed, speed);
     const auto i = static_cast<double>(map->keyframes().size());
     Keyframe keyframe;
@@ -32,18 +32,18 @@ class RollingShutterEstimatorTest : public ::testing::Test {
     keyframe.twist << u(rng_), u(rng_), u(rng_), u(rng_), u(rng_), u(rng_);
     for (const auto& marker : markers_) {
       const auto seen = testing::observeRolling(camera_, keyframe.T_w_c, keyframe.twist, marker,
-                                                kSize, kReadout_s, 0.1, &rng_);
+                                                kSize, readout_s, 0.1, &rng_);
       if (seen) keyframe.detections.push_back(*seen);
     }
     (void)map->addKeyframe(keyframe);
   }
-  Map mapSeen(double speed, int keyframes = kKeyframes) {
+  Map mapSeen(double speed, int keyframes = kKeyframes, double readout_s = kReadout_s) {
     Map map;
     for (const auto& marker : markers_) {
       (void)map.addMarker(marker.id, kSize);
       map.place(marker.id, marker.T_w_m);
     }
-    for (int i = 0; i < keyframes; ++i) addKeyframe(speed, &map);
+    for (int i = 0; i < keyframes; ++i) addKeyframe(speed, &map, readout_s);
     return map;
   }
   [[nodiscard]] RollingShutterEstimator estimator(const RollingShutterOptions& options = {}) const {
@@ -250,6 +250,41 @@ TEST_F(RollingShutterEstimatorTest, DeskewsWithWhatIsInUse) {
     ++compared;
   }
   EXPECT_GT(compared, 8);
+}
+
+// That a shutter is a global one is news for a map whose corners were doubted until then.
+TEST_F(RollingShutterEstimatorTest, TheFirstEstimateEndsTheDoubtInTheMap) {
+  Map map = mapSeen(0.6, RollingShutterOptions{}.first_keyframes - 1, 0.0);
+  RollingShutterEstimator estimator = this->estimator();
+  Map sure = map;
+  for (const auto& [id, keyframe] : sure.keyframes()) estimator.deskew(camera_, id, &map);
+  const auto firstOf = [](const Map& of) { return of.keyframes().at(3).detections.front(); };
+  EXPECT_GT(firstOf(map).covariance[0].norm(), 2.0 * firstOf(sure).covariance[0].norm());
+  addKeyframe(0.6, &map, 0.0);
+  (void)workUntilDone(map, kUnlimited, &estimator);
+  EXPECT_FALSE(collect(&map, &estimator));
+  EXPECT_FALSE(estimator.idle(map)) << "the whole map is under way";
+  EXPECT_TRUE(firstOf(map).isDoubted()) << "as long as it has not followed";
+  (void)workUntilDone(map, kUnlimited, &estimator);
+  EXPECT_TRUE(collect(&map, &estimator));
+  EXPECT_EQ(estimator.seconds(), 0.0);
+  EXPECT_LT(estimator.sigma_s(), 0.001);
+  EXPECT_TRUE(estimator.idle(map));
+  EXPECT_FALSE(firstOf(map).isDoubted());
+  const Eigen::Matrix2d before = firstOf(sure).covariance[0];
+  EXPECT_LT((firstOf(map).covariance[0] - before).norm(), 1e-4 * before.norm());
+
+  std::vector<MarkerDetection> seen = map.keyframes().at(3).detections.get();
+  estimator.deskew(camera_, map, map.keyframes().at(3).T_w_c, map.keyframes().at(3).twist, &seen);
+  EXPECT_FALSE(seen.front().isDoubted()) << "nor are later frames";
+}
+
+// Who localizes in a large map, and learns nothing, does not doubt for ever.
+TEST_F(RollingShutterEstimatorTest, NothingIsDoubtedInAMapThatIsLargeEnough) {
+  const Map map = mapSeen(0.6);
+  std::vector<MarkerDetection> seen = map.keyframes().at(3).detections.get();
+  estimator().deskew(camera_, map, map.keyframes().at(3).T_w_c, map.keyframes().at(3).twist, &seen);
+  EXPECT_FALSE(seen.front().isDoubted());
 }
 
 }  // namespace

@@ -1,5 +1,9 @@
 #include "slam/camera/rolling_shutter.h"
 
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstddef>
 #include <random>
 
 #include <gtest/gtest.h>
@@ -141,6 +145,77 @@ TEST(RollingShutter, ALittleChangeIsNotBelieved) {
   RollingShutterOptions options;
   options.min_change_sigmas = 1.0;
   EXPECT_TRUE(believed(1.5, options));
+}
+
+// The corners are noisier along the motion, the more the further from the middle row, but not
+// without bounds; and as before, up to the doubt's single precision, once the readout time is
+// known.
+TEST_F(RollingShutterTest, WhatIsNotKnownOfItIsNoise) {
+  const Transform T_w_c = testing::lookAt({0.1, 0.0, 0.2}, {0.0, 3.0, 0.0});
+  Twist twist;
+  twist << 0.3, 0.1, 0.0, 0.05, 0.4, -0.1;
+  int whole = 0;
+  int bounded = 0;
+  for (const auto& marker : markers_) {
+    auto seen = testing::observe(camera_, T_w_c, marker.id, marker.T_w_m, kSize, 0.1, &rng_);
+    if (!seen) continue;
+    const MarkerDetection before = *seen;
+    const double sigma = std::sqrt(0.5 * before.covariance[0].trace());
+    for (const double sigma_s : {0.03, 0.003}) {  // each in place of the one before
+      doubtReadout(camera_, T_w_c, twist, marker.T_w_m, kSize, sigma_s, &*seen);
+      std::array<Eigen::Vector2d, 4> by;
+      double largest = 0.0;
+      for (std::size_t k = 0; k < 4; ++k) {
+        const Eigen::Vector3d p_c = T_w_c.inverse() * (marker.T_w_m * markerCorners(kSize)[k]);
+        by[k] =
+            sigma_s * rowTime(seen->pixels[k].y(), camera_.height()) * imageVelocity(p_c, twist);
+        largest = std::max(largest, by[k].norm());
+      }
+      const double share = largest < 0.5 * sigma ? 0.0 : std::min(1.0, 4.0 * sigma / largest);
+      whole += share == 1.0 ? 1 : 0;
+      bounded += share > 0.0 && share < 1.0 ? 1 : 0;
+      for (std::size_t k = 0; k < 4; ++k) {
+        const Eigen::Matrix2d added = seen->covariance[k] - before.covariance[k];
+        const Eigen::Matrix2d expected = share * share * by[k] * by[k].transpose();
+        EXPECT_LT((added - expected).norm(), 0.01 * sigma * sigma + 1e-3 * expected.norm());
+        EXPECT_LT((seen->noise(k) - before.covariance[k]).norm(), 1e-4 * sigma * sigma);
+      }
+    }
+    seen->trustReadout();
+    EXPECT_FALSE(seen->isDoubted());
+    for (std::size_t k = 0; k < 4; ++k) {
+      EXPECT_LT((seen->covariance[k] - before.covariance[k]).norm(), 1e-4 * sigma * sigma);
+    }
+  }
+  EXPECT_GT(whole, 3);
+  EXPECT_GT(bounded, 3);
+}
+
+TEST_F(RollingShutterTest, ADoubtWithinTheNoiseIsNone) {
+  const Transform T_w_c = testing::lookAt({0.1, 0.0, 0.2}, {0.0, 3.0, 0.0});
+  const auto& marker = markers_.front();
+  const Twist still = Twist::Zero();
+  Twist slow = Twist::Zero();
+  slow[3] = 0.002;
+  auto seen = testing::observe(camera_, T_w_c, marker.id, marker.T_w_m, kSize, 0.1, &rng_);
+  ASSERT_TRUE(seen);
+  for (const Twist& twist : {still, slow}) {
+    doubtReadout(camera_, T_w_c, twist, marker.T_w_m, kSize, 0.015, &*seen);
+    EXPECT_FALSE(seen->isDoubted());
+  }
+}
+
+// The estimate that frees the readout time takes it for no noise: it is what is asked for.
+TEST_F(RollingShutterTest, IsEstimatedAsWellFromCornersThatDoubtIt) {
+  Map map = mapSeenRolling(0.6, 0.1);
+  const auto sure = estimate(map, 0.0, kAll);
+  const Map seen = map;
+  for (const auto& [id, keyframe] : seen.keyframes()) doubtReadout(camera_, 0.015, id, &map);
+  ASSERT_TRUE(map.keyframes().at(3).detections.front().isDoubted());
+  const auto doubting = estimate(map, 0.0, kAll);
+  ASSERT_TRUE(sure && doubting);
+  EXPECT_NEAR(doubting->readout_s, sure->readout_s, 1e-6);
+  EXPECT_NEAR(doubting->sigma_s, sure->sigma_s, 0.01 * sure->sigma_s);
 }
 
 }  // namespace

@@ -23,6 +23,7 @@ void scaleNoise(const std::array<Eigen::Vector2d, 4>& before, MarkerDetection* d
   const double scale = length > 0.0 ? perimeter(detection->normalized) / length : 1.0;
   if (std::abs(scale - 1.0) < kSmall) return;
   for (Eigen::Matrix2d& covariance : detection->covariance) covariance *= scale * scale;
+  for (Eigen::Vector2f& doubt : detection->readout_doubt) doubt *= static_cast<float>(scale);
 }
 
 }  // namespace
@@ -53,6 +54,30 @@ void undistortAgain(const CameraModel& camera, double readout_s, KeyframeId id, 
   }
   const KeyframeId only[] = {id};
   for (const int marker_id : unseen) map->removeViews(marker_id, only);
+}
+
+void doubtReadout(const CameraModel& camera, double sigma_s, KeyframeId id, Map* map) {
+  const Keyframe& keyframe = map->keyframes().at(id);
+  const SharedDetections before = keyframe.detections;
+  for (const MarkerDetection& detection : before) {
+    const MapMarker& marker = map->markers().at(detection.id);
+    MarkerDetection again = detection;
+    doubtReadout(camera, keyframe.T_w_c, keyframe.twist, marker.T_w_m, marker.size_m, sigma_s,
+                 &again);
+    if (again.readout_doubt != detection.readout_doubt) map->replaceView(id, again);
+  }
+}
+
+void trustReadout(Map* map) {
+  for (const auto& [id, keyframe] : map->keyframes()) {
+    const SharedDetections before = keyframe.detections;
+    for (const MarkerDetection& detection : before) {
+      if (!detection.isDoubted()) continue;
+      MarkerDetection again = detection;
+      again.trustReadout();
+      map->replaceView(id, again);
+    }
+  }
 }
 
 void undistortAgain(const CameraModel& camera, double readout_s, Map* map, std::int64_t since_ns) {

@@ -21,4 +21,10 @@ void undistortAgain(const CameraModel& camera, double readout_s, KeyframeId keyf
 // The same of a frame's detections, as a global shutter saw them.
 void undistortAgain(const CameraModel& camera, std::vector<MarkerDetection>* detections);
 
+// What is not known of the readout time, sigma_s, becomes noise of the corners of this keyframe
+// (doubtReadout, rolling_shutter.h).
+void doubtReadout(const CameraModel& camera, double sigma_s, KeyframeId keyframe, Map* map);
+// It is known by now: the noise of all corners is the image's again.
+void trustReadout(Map* map);
+
 }  // namespace waymark::slam

@@ -1,7 +1,9 @@
 // What the detector sees: one marker in one frame.
 #pragma once
 
+#include <algorithm>
 #include <array>
+#include <cstddef>
 #include <optional>
 #include <vector>
 
@@ -18,8 +20,27 @@ struct MarkerDetection {
   int hamming = 0;                                                   // corrected bits of the code
   std::array<Eigen::Vector2d, 4> pixels = zeros<Eigen::Vector2d>();  // distorted, pixel centres
   std::array<Eigen::Vector2d, 4> normalized = zeros<Eigen::Vector2d>();  // undistorted, at z = 1
-  // Of `normalized`, in its squared units.
+  // Of `normalized`, in its squared units: the image's noise, and ...
   std::array<Eigen::Matrix2d, 4> covariance = zeros<Eigen::Matrix2d>();
+  // ... how far a readout time that nobody knows yet may have moved the corners, normalized: a
+  // standard deviation, zero where it is less than the noise or known (rolling_shutter.h).
+  std::array<Eigen::Vector2f, 4> readout_doubt = zeros<Eigen::Vector2f>();
+
+  // A corner's covariance by the image's noise alone.
+  [[nodiscard]] Eigen::Matrix2d noise(std::size_t corner) const {
+    const Eigen::Vector2d doubt = readout_doubt[corner].cast<double>();
+    return covariance[corner] - doubt * doubt.transpose();
+  }
+  [[nodiscard]] bool isDoubted() const {
+    return !std::ranges::all_of(readout_doubt,
+                                [](const auto& doubt) { return doubt.isZero(0.0F); });
+  }
+  void trustReadout() {
+    for (std::size_t k = 0; k < 4; ++k) {
+      covariance[k] = noise(k);
+      readout_doubt[k].setZero();
+    }
+  }
 
  private:
   template <typename T>

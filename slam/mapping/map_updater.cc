@@ -6,7 +6,6 @@
 #include <utility>
 
 #include "base/elapsed.h"
-#include "slam/camera/undistort_map.h"
 
 namespace waymark::slam {
 
@@ -31,9 +30,7 @@ bool MapUpdater::tellKeyframesTheirMotion(const TrackedFrame& frame, Map* map) {
     if (twist == keyframe.twist) continue;
     news = news || keyframe.twist.isZero(0.0);
     map->setKeyframeTwist(id, twist);
-    if (rolling_shutter_->seconds() != 0.0) {
-      undistortAgain(camera_, rolling_shutter_->seconds(), id, map);
-    }
+    rolling_shutter_->deskew(camera_, id, map);
   }
   return news;
 }

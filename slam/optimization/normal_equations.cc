@@ -274,13 +274,15 @@ Task<std::vector<WhitenedView>> whitenViews(const BundleProblem& problem, Budget
   whitened.reserve(problem.observations.size());
   for (const auto& observation : problem.observations) {
     co_await budget->spend(kWhiten);
-    std::array<Eigen::Matrix2d, 4> covariance = observation.detection->covariance;
+    const MarkerDetection& seen = *observation.detection;
+    std::array<Eigen::Matrix2d, 4> covariance = seen.covariance;
+    for (std::size_t k = 0; problem.shutter && k < 4; ++k) covariance[k] = seen.noise(k);
     for (std::size_t k = 0; problem.lens && k < 4; ++k) {
       Eigen::Matrix2d J;
-      (void)problem.lens->seen_with.distort(observation.detection->normalized[k], &J);
+      (void)problem.lens->seen_with.distort(seen.normalized[k], &J);
       covariance[k] = J * covariance[k] * J.transpose();
     }
-    whitened.push_back({whitening(covariance), observation.detection->normalized});
+    whitened.push_back({whitening(covariance), seen.normalized});
   }
   co_return whitened;
 }

@@ -146,7 +146,9 @@ FittedMarkers FrameTracker::fit(const Map& map, const FrameMarkers& markers,
     // A frame may be stricter than the map is sure of itself.
     const bool agrees = frame.solution.inlier[i] ||
                         tracker_.optimizer().explains(known, frame.solution.T_w_c, residual_sigma);
-    if (agrees || others_agree) verdicts_.push_back({known.detection->id, agrees});
+    // What does not fit a doubted corner may be the shutter.
+    const bool tells = others_agree && !known.detection->isDoubted();
+    if (agrees || tells) verdicts_.push_back({known.detection->id, agrees});
   }
   sortById(&fitting_);
   return {fitting_, verdicts_, rejected};
