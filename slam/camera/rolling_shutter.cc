@@ -93,7 +93,7 @@ void doubtReadout(const CameraModel& camera, const Transform& T_w_c, const Twist
   constexpr double kMatters = 0.5;  // of the corners' standard deviation
   // Of a fast camera whose shutter is a global one after all, the first poses are as exact as the
   // corners that still count: a map of a room seen within two seconds suffers from 6 on.
-  constexpr double kMost = 4.0;
+  constexpr double kMost = 3.0;
   const double least = kMatters * kMatters * 0.5 * detection->covariance[0].trace();
   const double most = mostDoubt(*detection, twist, size_m, sigma_s);
   if (most * most < least) return;

@@ -42,7 +42,7 @@ namespace waymark::slam {
 // What is not known of the readout time, sigma_s, becomes noise of the corners
 // (MarkerDetection::readout_doubt) in place of what was: the corners of one frame are off together,
 // but until it is known, its views would speak too loud, and gates would take it for moved markers.
-// Four of the corner's standard deviations at most.
+// Three of the corner's standard deviations at most.
 void doubtReadout(const CameraModel& camera, const Transform& T_w_c, const Twist& twist,
                   const std::optional<Transform>& T_w_m, double size_m, double sigma_s,
                   MarkerDetection* detection);

@@ -171,7 +171,7 @@ TEST_F(RollingShutterTest, WhatIsNotKnownOfItIsNoise) {
             sigma_s * rowTime(seen->pixels[k].y(), camera_.height()) * imageVelocity(p_c, twist);
         largest = std::max(largest, by[k].norm());
       }
-      const double share = largest < 0.5 * sigma ? 0.0 : std::min(1.0, 4.0 * sigma / largest);
+      const double share = largest < 0.5 * sigma ? 0.0 : std::min(1.0, 3.0 * sigma / largest);
       whole += share == 1.0 ? 1 : 0;
       bounded += share > 0.0 && share < 1.0 ? 1 : 0;
       for (std::size_t k = 0; k < 4; ++k) {
