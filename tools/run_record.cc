@@ -64,7 +64,10 @@ void RunRecord::add(std::int64_t time_ns, const slam::FrameResult& result,
   if (result.pose) {
     if (!initialized_at_) initialized_at_ = frames();
     ++localized_;
-    squares_px2_ += std::pow(result.pose->reprojection_rms_px, 2);
+    if (result.pose->source == slam::PoseSource::kMarkers) {
+      ++by_markers_;
+      squares_px2_ += std::pow(result.pose->reprojection_rms_px, 2);
+    }
   }
   // Half of them at once: each frame is moved once at most.
   if (frames_.size() / 2 >= max_frames_) {
@@ -97,7 +100,7 @@ std::map<slam::NoPoseReason, std::size_t> RunRecord::reasons() const {
 }
 
 double RunRecord::reprojectionRms_px() const {
-  return localized_ > 0 ? std::sqrt(squares_px2_ / static_cast<double>(localized_)) : 0.0;
+  return by_markers_ > 0 ? std::sqrt(squares_px2_ / static_cast<double>(by_markers_)) : 0.0;
 }
 
 std::vector<io::FramePose> RunRecord::livePoses() const {
@@ -166,7 +169,7 @@ std::string RunRecord::statistics(const slam::Slam& slam, const StageTimer& time
     json["loop_closed_at_s"].push_back(1e-9 * static_cast<double>(time_ns));
   }
   json["relocalizations"] = counters.relocalizations;
-  json["reprojection_rms_px"] = localized_ > 0 ? Json(reprojectionRms_px()) : none;
+  json["reprojection_rms_px"] = by_markers_ > 0 ? Json(reprojectionRms_px()) : none;
   json["verdict"] = {{"grade", diagnosis::gradeName(verdict.grade)},
                      {"text", verdict.text},
                      {"advice", verdict.advice}};

@@ -50,7 +50,8 @@ class RunRecord {
                                                       bool unordered_images) const;
   // Why frames had no pose, and how many of those kept each.
   [[nodiscard]] std::map<slam::NoPoseReason, std::size_t> reasons() const;
-  // Root mean square of the poses' reprojection errors, pixels; 0 without poses.
+  // Root mean square of the reprojection errors of the poses from markers, pixels; 0 without any.
+  // Natural features fit as well as their patches are found, which says nothing of the lens.
   [[nodiscard]] double reprojectionRms_px() const;
   // Every frame's detections, for replaying them.
   [[nodiscard]] std::vector<io::RecordedFrame> recordedFrames() const;
@@ -72,8 +73,9 @@ class RunRecord {
   std::vector<slam::LiveFrame> frames_;
   std::vector<LiveState> states_;  // of each of them
   std::size_t forgotten_ = 0;
-  double squares_px2_ = 0.0;  // of each pose's RMS
   std::size_t localized_ = 0;
+  std::size_t by_markers_ = 0;  // of those
+  double squares_px2_ = 0.0;    // of each of their RMS
   std::optional<std::size_t> initialized_at_;  // index of the first frame with a pose
   std::uint64_t loop_closures_ = 0;
   std::vector<std::int64_t> loop_closed_at_ns_;  // times of the frames in which loops closed

@@ -1,5 +1,6 @@
 #include "tools/run_record.h"
 
+#include <cmath>
 #include <set>
 
 #include <gtest/gtest.h>
@@ -19,6 +20,7 @@ RunRecord walk(const std::set<int>& lost) {
     result.detections = detections;
     if (!lost.contains(i)) {
       result.pose.emplace();
+      result.pose->source = slam::PoseSource::kMarkers;
       result.pose->T_w_c.p.x() = i;
     }
     record.add(i * kPeriod_ns, result, {});
@@ -62,6 +64,25 @@ TEST(RunRecord, AFrameWithoutAPoseHasNoLine) {
   EXPECT_EQ(trajectory[0].time_ns, kPeriod_ns);
   EXPECT_EQ(trajectory[6].time_ns, 8 * kPeriod_ns);
   EXPECT_EQ(trajectory[6].T_w_c.p.x(), 8.0);
+}
+
+// How well features fit, or that a predicted pose has nothing to fit, says nothing of the lens.
+TEST(RunRecord, TheReprojectionErrorIsThatOfMarkers) {
+  using slam::PoseSource;
+  RunRecord record;
+  std::int64_t time_ns = 0;
+  for (const auto& [source, rms_px] : {std::pair{PoseSource::kMarkers, 0.1},
+                                       {PoseSource::kNaturalFeatures, 2.0},
+                                       {PoseSource::kPrediction, 0.0},
+                                       {PoseSource::kMarkers, 0.3}}) {
+    slam::FrameResult result;
+    result.pose.emplace();
+    result.pose->source = source;
+    result.pose->reprojection_rms_px = rms_px;
+    record.add(time_ns += kPeriod_ns, result, {});
+  }
+  EXPECT_EQ(record.localized(), 4U);
+  EXPECT_NEAR(record.reprojectionRms_px(), std::sqrt((0.01 + 0.09) / 2.0), 1e-12);
 }
 
 // A camera goes on for days.
