@@ -203,7 +203,7 @@ TEST_F(ViewPageTest, ResultsAndRecordingsAreShownWithATimeLine) {
   browser->resize(500, 400, false);
   const std::string scene = (directory_ / "walls").string();
   const std::string result = (directory_ / "result").string();
-  ASSERT_EQ(runProgram({WAYMARK_PROGRAM, "simulate", "walls", "--out", scene, "--duration", "2",
+  ASSERT_EQ(runProgram({WAYMARK_PROGRAM, "simulate", "walls", "--out", scene, "--duration", "4",
                         "--fps", "15", "--size", "320x240", "--quiet"})
                 .exit_code,
             0);
@@ -240,6 +240,7 @@ TEST_F(ViewPageTest, ResultsAndRecordingsAreShownWithATimeLine) {
   const fs::path log = *fs::directory_iterator(directory_ / "logs");
   port_ = 0;
   view({log.string()});
+  std::this_thread::sleep_for(milliseconds(6000));  // it does not begin before somebody looks
   browser->open(address());
   EXPECT_TRUE(browser->becomes("WaymarkScene.counts().segments > 20"));
   EXPECT_TRUE(browser->becomes("Number(document.getElementById('image').dataset.image) > 0"));
@@ -247,6 +248,10 @@ TEST_F(ViewPageTest, ResultsAndRecordingsAreShownWithATimeLine) {
   browser->evaluate(time + ".value = 1; " + time + ".dispatchEvent(new Event('change'))");
   browser->evaluate("document.getElementById('play').click()");
   EXPECT_TRUE(browser->becomes("WaymarkOffline.time() > 0.9"));
+  browser->evaluate("document.getElementById('play').click()");
+  std::this_thread::sleep_for(milliseconds(3000));
+  EXPECT_EQ(browser->evaluate("document.getElementById('image').dataset.image !== ''"), true)
+      << "an image stays while the recording stands";
   for (const std::string& error : browser->errors()) {
     EXPECT_NE(error.find("ERR_CONNECTION_REFUSED"), std::string::npos)
         << "while there was none that served: " << error;

@@ -130,7 +130,8 @@ class Ticker {
     timer_.expires_after(std::chrono::milliseconds(33));
     timer_.async_wait([this](const boost::system::error_code& stopped) {
       if (stopped) return;
-      if (offline_ != nullptr) offline_->tick(monotonicNs(), &state_);
+      watched_ = watched_ || server_.hasClients();
+      if (offline_ != nullptr && watched_) offline_->tick(monotonicNs(), &state_);
       state_.tick(monotonicNs());
       server_.publish();
       next();
@@ -142,6 +143,7 @@ class Ticker {
   LiveState& state_;
   WebServer& server_;
   Offline* offline_;
+  bool watched_ = false;  // a recording does not begin before somebody looks
 };
 
 Status serve(const ViewArguments& arguments) {

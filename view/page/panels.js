@@ -185,7 +185,7 @@ const WaymarkPanels = (() => {
 
   // The newest preview whose image is there, and when it came.
   const photo = {image: null, shown: null, came_ms: -1e9};
-  const FRESH_MS = 2500;
+  const FRESH_MS = 2500;     // but in a recording, which may stand still
   let drawnKey = null;
   const TIMES = 20;          // residuals are drawn so much longer
 
@@ -296,7 +296,7 @@ const WaymarkPanels = (() => {
   // The live image where one comes, with what was found in that very frame; else the newest frame's
   // markers alone.
   function showImage(detections, pose, images) {
-    const fresh = performance.now() - photo.came_ms < FRESH_MS;
+    const fresh = WaymarkOffline.isOffline() || performance.now() - photo.came_ms < FRESH_MS;
     const preview = fresh ? photo.shown : null;
     // Drawn once: it comes a few times a second, poses much more often.
     const key = preview ? `image ${preview.sequence}` : `frame ${detections.sequence} ${images}`;
