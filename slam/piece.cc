@@ -27,10 +27,12 @@
 namespace waymark::slam {
 namespace {
 
-// As the map's run has left it: with as many keyframes it has looked for a readout time, and 0 says
-// that there was none to be believed.
-RollingShutterOptions asLearned(RollingShutterOptions options, double readout_s, const Map& map) {
-  options.learned_s = readout_s;
+// As the pieces before or the map's run have left it: with as many keyframes that has looked for a
+// readout time, and 0 says that there was none to be believed.
+RollingShutterOptions asLearned(RollingShutterOptions options, const ReadoutEstimate& readout,
+                                const Map& map) {
+  options.learned_s = readout.readout_s;
+  options.unknown_s = std::min(options.unknown_s, readout.sigma_s);
   if (static_cast<int>(map.keyframes().size()) >= options.first_keyframes) {
     options.unknown_s = std::min(options.unknown_s, options.min_s);
   }
@@ -46,7 +48,7 @@ class Piece::Impl {
         camera_(*parts.camera),
         counters_(*parts.counters),
         screening_(options_.markers, options_.screening),
-        rolling_shutter_(asLearned(options_.shutter, parts.readout_s, map), options_.markers),
+        rolling_shutter_(asLearned(options_.shutter, parts.readout, map), options_.markers),
         lens_known_(*parts.lens),
         lens_(options_.lens, options_.markers, parts.camera, parts.lens),
         lens_watch_(options_.lens, options_.markers, options_.mapping, parts.camera, parts.lens),
@@ -188,7 +190,9 @@ class Piece::Impl {
   [[nodiscard]] std::optional<Prediction> predict(std::int64_t time_ns) const {
     return tracker_.predict(time_ns);
   }
-  [[nodiscard]] double readout_s() const { return rolling_shutter_.seconds(); }
+  [[nodiscard]] ReadoutEstimate readout() const {
+    return {rolling_shutter_.seconds(), rolling_shutter_.sigma_s()};
+  }
 
  private:
   // What was under way and is done goes into the map before the next frame is tracked in it.
@@ -464,7 +468,7 @@ const LocalMarkers& Piece::local() const { return impl_->local(); }
 std::optional<Prediction> Piece::predict(std::int64_t time_ns) const {
   return impl_->predict(time_ns);
 }
-double Piece::readout_s() const { return impl_->readout_s(); }
+ReadoutEstimate Piece::readout() const { return impl_->readout(); }
 
 FrameResult Piece::process(const FrameInput& frame, std::span<const MarkerDetection> detections,
                            Turn turn, double work, StageObserver* observer) {

@@ -7,6 +7,7 @@
 #include <span>
 
 #include "slam/camera/lens_knowledge.h"
+#include "slam/camera/readout_estimate.h"
 #include "slam/counters.h"
 #include "slam/frame.h"
 #include "slam/geometry/camera_model.h"
@@ -28,7 +29,7 @@ struct PieceParts {
   CameraModel* camera;
   LensKnowledge* lens;
   Counters* counters;
-  double readout_s = 0.0;  // as learned so far
+  ReadoutEstimate readout;  // as learned so far
 };
 
 // Whose turn a frame is.
@@ -48,7 +49,7 @@ class Piece {
   [[nodiscard]] const Map& map() const;
   [[nodiscard]] const LocalMarkers& local() const;
   [[nodiscard]] std::optional<Prediction> predict(std::int64_t time_ns) const;
-  [[nodiscard]] double readout_s() const;
+  [[nodiscard]] ReadoutEstimate readout() const;
 
   // All that becomes of a frame's detections. The result's pose says the piece. `work` is what may
   // be spent on optimizations, as of Options::work_per_frame.

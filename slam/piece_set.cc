@@ -45,8 +45,9 @@ PieceSet::PieceSet(const Options& options, std::string dictionary, CameraModel* 
 
 std::unique_ptr<Piece> PieceSet::makePiece(Map map) const {
   map.dictionary = dictionary_;
-  const double readout_s = pieces_.empty() ? options_.shutter.learned_s : active().readout_s();
-  return std::make_unique<Piece>(PieceParts{options_, camera_, lens_, counters_, readout_s},
+  const ReadoutEstimate at_start{options_.shutter.learned_s, options_.shutter.unknown_s};
+  const ReadoutEstimate readout = pieces_.empty() ? at_start : active().readout();
+  return std::make_unique<Piece>(PieceParts{options_, camera_, lens_, counters_, readout},
                                  std::move(map));
 }
 
@@ -354,8 +355,9 @@ void PieceSet::spreadLens(int from) {
     if (id != from) piece->undistortAgain();
   }
   for (JointTrial& trial : trials_) {
-    trial.forEachMap(
-        [&](Map* map) { undistortAgain(*camera_, active().readout_s(), map, lens_->since_ns); });
+    trial.forEachMap([&](Map* map) {
+      undistortAgain(*camera_, active().readout().readout_s, map, lens_->since_ns);
+    });
   }
   search_.reset();
   next_.reset();

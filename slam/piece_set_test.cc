@@ -15,7 +15,6 @@ namespace waymark::slam {
 namespace {
 
 constexpr double kPrint_m = 0.12;
-constexpr std::int64_t kPeriod_ns = 500'000'000;  // 2 Hz: nothing is predicted over it
 
 // A wall, of which every frame is shown some columns only.
 class PieceSetTest : public ::testing::Test {
@@ -46,7 +45,7 @@ class PieceSetTest : public ::testing::Test {
         if (twin) seen.push_back(*twin);
       }
       last_ = slam().process(
-          {.time = {static_cast<std::uint64_t>(frame_), frame_ * kPeriod_ns}, .detections = seen});
+          {.time = {static_cast<std::uint64_t>(frame_), frame_ * period_ns_}, .detections = seen});
       ++frame_;
       if (!last_.pose) continue;
       ++localized;
@@ -85,6 +84,7 @@ class PieceSetTest : public ::testing::Test {
   CameraModel camera_{testing::testCalibration()};
   std::vector<testing::SyntheticMarker> markers_ = testing::markerWall(3, kColumns, 0.35, &rng_);
   Options options_;
+  std::int64_t period_ns_ = 500'000'000;  // 2 Hz: nothing is predicted over it
   std::optional<Slam> slam_;
   FrameResult last_;
   std::vector<PoseEstimate> poses_;
@@ -122,6 +122,23 @@ TEST_F(PieceSetTest, WithoutPiecesItWaits) {
   EXPECT_EQ(walk(10, 3, 6), 0);
   EXPECT_EQ(slam().pieces().size(), 1U);
   EXPECT_EQ(slam().counters().pieces_begun, 0U);
+}
+
+// That the camera has a global shutter is found once, not in every room again.
+TEST_F(PieceSetTest, ANewPieceKnowsTheShutter) {
+  period_ns_ = 33'000'000;
+  const auto anyDoubted = [](const Map& map) {
+    return std::ranges::any_of(map.keyframes(), [](const auto& entry) {
+      return std::ranges::any_of(entry.second.detections, &MarkerDetection::isDoubted);
+    });
+  };
+  (void)walk(10, 0, 3);
+  ASSERT_TRUE(anyDoubted(slam().map())) << "nobody has told of it";
+  (void)walk(60, 0, 3);
+  ASSERT_FALSE(anyDoubted(slam().map()));
+  (void)walk(10, 3, 6);
+  ASSERT_EQ(slam().pieces().size(), 2U);
+  EXPECT_FALSE(anyDoubted(*slam().pieces().back()));
 }
 
 TEST_F(PieceSetTest, FramesWithMarkersOfBothJoinTwoPieces) {

@@ -135,6 +135,8 @@ std::optional<PosesOfOneMarker> Slam::localizeByOneMarker(const RecordedFrame& f
   return piece != nullptr ? piece->batch().localizeByOneMarker(frame) : std::nullopt;
 }
 
-double Slam::readout_s() const { return std::as_const(*impl_).pieces().active().readout_s(); }
+double Slam::readout_s() const {
+  return std::as_const(*impl_).pieces().active().readout().readout_s;
+}
 
 }  // namespace waymark::slam

@@ -16,16 +16,6 @@ std::array<double, 4> depthsOf(const MarkerDetection& seen, const Transform& T_w
   return known ? *known : depthFromSize(seen, size_m);
 }
 
-// No corner of the marker is off by more than this, normalized, for what is not known of the
-// readout time.
-double mostDoubt(const MarkerDetection& seen, const Twist& twist, double size_m, double sigma_s) {
-  constexpr double kHalf = 0.5;  // of the rows, from the middle one
-  constexpr double kNear = 2.0;  // how much nearer than its size tells a corner may be
-  const double depth_m = depthFromSize(seen, size_m)[0];
-  const double by_turning = twist.tail<3>().norm() * (1.0 + seen.normalized[0].squaredNorm());
-  return sigma_s * kHalf * kNear * (twist.head<3>().norm() / depth_m + by_turning);
-}
-
 }  // namespace
 
 std::string RollingShutterOptions::invalidReason() const {
@@ -89,23 +79,21 @@ std::optional<MarkerDetection> deskewed(const MarkerDetection& seen, const Camer
 void doubtReadout(const CameraModel& camera, const Transform& T_w_c, const Twist& twist,
                   const std::optional<Transform>& T_w_m, double size_m, double sigma_s,
                   MarkerDetection* detection) {
-  detection->trustReadout();
-  constexpr double kMatters = 0.5;  // of the corners' standard deviation
-  // Of a fast camera whose shutter is a global one after all, the first poses are as exact as the
-  // corners that still count: a map of a room seen within two seconds suffers from 6 on.
+  // Of the corners' standard deviation. What is less does not matter. More than the most would be
+  // honest, too; but a fast camera's first poses are only as exact as the corners that still count,
+  // and its shutter may be a global one: a room that is seen within two seconds suffers from 5 on.
+  constexpr double kLeast = 0.5;
   constexpr double kMost = 3.0;
-  const double least = kMatters * kMatters * 0.5 * detection->covariance[0].trace();
-  const double most = mostDoubt(*detection, twist, size_m, sigma_s);
-  if (most * most < least) return;
+  detection->trustReadout();
   const auto depth_m = depthsOf(*detection, T_w_c, T_w_m, size_m);
   const MarkerDetection moved = atMidFrame(*detection, camera, twist, depth_m, sigma_s);
   double largest = 0.0;
   for (std::size_t k = 0; k < 4; ++k) {
-    largest = std::max(largest, (moved.normalized[k] - detection->normalized[k]).squaredNorm());
+    largest = std::max(largest, (moved.normalized[k] - detection->normalized[k]).norm());
   }
-  if (largest < least) return;
-  const double most_told = kMost * std::sqrt(0.5 * detection->covariance[0].trace());
-  const double share = std::min(1.0, most_told / std::sqrt(largest));
+  const double sigma = std::sqrt(0.5 * detection->covariance[0].trace());
+  if (largest < kLeast * sigma) return;
+  const double share = std::min(1.0, kMost * sigma / largest);
   for (std::size_t k = 0; k < 4; ++k) {
     detection->readout_doubt[k] =
         (share * (moved.normalized[k] - detection->normalized[k])).cast<float>();

@@ -23,6 +23,12 @@ double sigmaAtTheStart(const RollingShutterOptions& shutter) {
   return std::min(shutter.unknown_s, std::abs(shutter.learned_s) / shutter.min_sigmas);
 }
 
+// The map's corners as a camera with this readout time, which is known, has seen them.
+void seeWith(double readout_s, const CameraModel& camera, Map* map) {
+  undistortAgain(camera, readout_s, map);
+  trustReadout(map);
+}
+
 bool isDoubted(const Map& map) {
   return std::ranges::any_of(map.keyframes(), [](const auto& entry) {
     return std::ranges::any_of(entry.second.detections, &MarkerDetection::isDoubted);
@@ -108,8 +114,7 @@ std::optional<Transform> RollingShutterEstimator::collect(const CameraModel& cam
   adoption_.reset();
   seconds_ = readout.readout_s;
   sigma_s_ = readout.sigma_s;
-  undistortAgain(camera, seconds_, map);
-  trustReadout(map);
+  seeWith(seconds_, camera, map);
   estimated_ = true;
   return applyWhole(correction, map);
 }
@@ -119,8 +124,7 @@ void RollingShutterEstimator::beginWhole(const ReadoutEstimate& readout, const C
   whole_.reset();
   adoption_ = Adoption{readout, map.epoch(), map};
   const Map& seen = adoption_->map;
-  undistortAgain(camera, readout.readout_s, &adoption_->map);
-  trustReadout(&adoption_->map);
+  seeWith(readout.readout_s, camera, &adoption_->map);
   whole_.emplace([&](Budget* budget) {
     return optimizeSubproblem(seen, wholeMap(seen), markers_, ungated(optimization), budget);
   });

@@ -46,7 +46,6 @@ MapGrowth MapUpdater::grow(const TrackedFrame& frame, Map* map) {
     sortById(&fitting_);
   }
   growth.map_changed = screenMarkers(frame, map) || growth.map_changed;
-  growth.map_changed = mapper_.catchUp(map, counters_) || growth.map_changed;
   const Transform& T_w_c = frame.solution.T_w_c;
   // From one of a single marker's two poses, undecided, the map would learn either.
   const bool decided = fitting_.size() > 1 || isCertain(frame);
@@ -57,6 +56,8 @@ MapGrowth MapUpdater::grow(const TrackedFrame& frame, Map* map) {
     for (const MarkerDetection& detection : fitting_) {
       screening_->checkReturned(detection.id, map, counters_);
     }
+  } else {
+    growth.map_changed = mapper_.catchUp(map, counters_) || growth.map_changed;
   }
   growth.fitting = fitting_;
   return growth;

@@ -66,8 +66,9 @@ class Mapper {
   void insert(const Keyframe& frame, Map* map, Counters* counters);
   // The same with what was carried through a gap: its marker hangs where the joint says.
   void insert(const GapJoint& joint, Map* map, Counters* counters);
-  // Markers of keyframes that were inserted before, for which those frames had no time any more.
-  // True when there were some: the map may have changed.
+  // Markers of keyframes that were inserted before, for which those frames had no time any more;
+  // a frame that inserts one has none for it, either. True when there were some: the map may have
+  // changed.
   bool catchUp(Map* map, Counters* counters);
   // A local optimization around this keyframe is wanted.
   void want(KeyframeId keyframe) { wanted_ = keyframe; }

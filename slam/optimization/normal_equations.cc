@@ -276,6 +276,7 @@ Task<std::vector<WhitenedView>> whitenViews(const BundleProblem& problem, Budget
     co_await budget->spend(kWhiten);
     const MarkerDetection& seen = *observation.detection;
     std::array<Eigen::Matrix2d, 4> covariance = seen.covariance;
+    // A readout time that is asked for is no noise.
     for (std::size_t k = 0; problem.shutter && k < 4; ++k) covariance[k] = seen.noise(k);
     for (std::size_t k = 0; problem.lens && k < 4; ++k) {
       Eigen::Matrix2d J;
