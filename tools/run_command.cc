@@ -2,14 +2,11 @@
 
 #include <algorithm>
 #include <cstdio>
-#include <filesystem>
-#include <functional>
 #include <limits>
 #include <map>
 #include <memory>
 #include <optional>
 #include <string>
-#include <system_error>
 #include <utility>
 #include <vector>
 
@@ -17,239 +14,25 @@
 #include <opencv2/core.hpp>
 
 #include "daemon/control/stop_signal.h"
-#include "io/calibrations/calibration_file.h"
-#include "io/frame_poses.h"
-#include "io/maps/map_file.h"
-#include "io/maps/map_picture.h"
-#include "io/maps/old_map.h"
-#include "io/pictures/natural_marker_set.h"
-#include "io/recorded_detections.h"
-#include "io/settings/slam_settings.h"
+#include "io/maps/marker_corners.h"
 #include "io/text/number_text.h"
-#include "io/text/text_file.h"
 #include "slam/final_map.h"
-#include "slam/map/world_reference.h"
 #include "slam/slam.h"
 #include "tools/diagnosis/grey_image.h"
 #include "tools/diagnosis/run_verdict.h"
 #include "tools/exit_code.h"
 #include "tools/marker_arguments.h"
-#include "tools/natural/delayed_relocalizer.h"
-#include "tools/natural/recorded_late_results.h"
 #include "tools/number_arguments.h"
 #include "tools/progress_bar.h"
-#include "tools/recorded_inputs.h"
 #include "tools/run_diagnosis.h"
 #include "tools/run_input.h"
 #include "tools/run_record.h"
+#include "tools/run_results.h"
+#include "tools/run_setup.h"
 #include "tools/stage_timer.h"
 
 namespace waymark::tools {
 namespace {
-
-struct RunArguments {
-  std::string source;
-  std::string calibration;
-  slam::CalibrationFit calibration_fit = slam::CalibrationFit::kExact;
-  MarkerArguments markers;
-  std::string out;
-  std::string map_in;
-  bool localize_only = false;
-  bool refine_intrinsics = false;
-  std::string save_detections;
-  std::optional<double> fps;
-  std::string natural;
-  bool no_global = false;
-  bool realtime = false;
-  bool quiet = false;
-};
-
-// Everything a run needs, checked.
-struct RunSetup {
-  slam::CameraModel camera;
-  slam::Dictionary dictionary;
-  slam::Options options;
-  std::unique_ptr<RunInput> input;
-  std::string calibration_change;  // what was done to the calibration; usually nothing
-  std::string calibration_name;    // of the lens as it was used in the end
-  std::optional<io::OutputDirectory> output;
-  std::optional<io::OutputDirectory> detections;  // the directory of --save-detections
-  std::optional<io::OldMap> old_map;
-  std::unique_ptr<LateResults> late;  // null without natural markers
-};
-
-// --map-in, or the one that the daemon began with when it made the recording.
-Result<std::optional<io::OldMap>> oldMap(const RunArguments& arguments,
-                                         const io::SlamSettings& settings,
-                                         const std::optional<capture::RecordedFile>& recorded,
-                                         const slam::Calibration& camera) {
-  if (arguments.map_in.empty() && !recorded) return std::optional<io::OldMap>();
-  const io::OldMapUse use{.dictionary = settings.dictionary,
-                          .markers = settings.options.markers,
-                          .camera = camera,
-                          .localize_only = settings.map.localize_only};
-  Result<io::OldMap> old = arguments.map_in.empty()
-                               ? io::parseOldMap(recorded->content, recorded->name, use)
-                               : io::readOldMap(arguments.map_in, use);
-  if (!old) return old.error();
-  return std::optional(std::move(old).value());
-}
-
-// frames.csv goes beside the detections and belongs to all of them in that directory: one that came
-// with other detections stays.
-Result<std::optional<io::OutputDirectory>> openDetections(const std::string& file) {
-  if (file.empty()) return std::optional<io::OutputDirectory>();
-  const std::filesystem::path path(file);
-  if (path.extension() != ".csv" || path.filename() == "frames.csv") {
-    return Error{"--save-detections: '" + file + "' must be a name like detections.csv"};
-  }
-  const std::filesystem::path directory = path.has_parent_path() ? path.parent_path() : ".";
-  std::error_code error;
-  if (std::filesystem::exists(directory / "frames.csv", error) &&
-      !std::filesystem::exists(path, error)) {
-    return Error{(directory / "frames.csv").string() +
-                 ": exists already and belongs to other detections; choose another directory"};
-  }
-  Result<io::OutputDirectory> opened = io::OutputDirectory::open(directory);
-  if (!opened) return opened.error();
-  return std::optional<io::OutputDirectory>(std::move(opened).value());
-}
-
-// Does the command line say what to look for, or where to begin?
-bool saysOtherwise(const RunArguments& arguments) {
-  const MarkerArguments& markers = arguments.markers;
-  return !markers.config.empty() || !markers.dictionary.empty() || !markers.marker_size.empty() ||
-         !arguments.map_in.empty();
-}
-
-// Empty where nobody has given one.
-Result<std::optional<slam::Calibration>> calibrationOf(const RunArguments& arguments,
-                                                       const RecordedInputs& recorded) {
-  if (arguments.calibration.empty()) return recorded.calibration;
-  const Result<slam::Calibration> read = io::readCalibration(arguments.calibration);
-  if (!read) return read.error();
-  return std::optional(*read);
-}
-
-// A camera that nobody has calibrated is learned from the markers.
-Status takeLens(const OpenedInput& opened, std::optional<double> fov_deg, slam::Options* options) {
-  if (opened.lens_given) return success();
-  slam::LensOptions& lens = options->lens;
-  if (!lens.learn) return Error{"--calibration: required where camera.learn is off"};
-  lens.takeForGuess(fov_deg.has_value());
-  return success();
-}
-
-// What the lens is written as: a file that was given stays what it was.
-std::string calibrationName(const RunArguments& arguments) {
-  std::error_code error;
-  const auto beside = std::filesystem::path(arguments.out) / "calib.yml";
-  const bool is_given = !arguments.calibration.empty() &&
-                        std::filesystem::equivalent(beside, arguments.calibration, error);
-  return is_given ? "calib_learned.yml" : "calib.yml";
-}
-
-// The natural markers of --natural: the SLAM is told of them, and somebody looks for them.
-Status addPictures(const std::string& file, RunSetup* setup) {
-  if (file.empty()) return success();
-  if (!setup->input->hasImages()) {
-    return Error{"--natural: recorded detections have no images to look for pictures in"};
-  }
-  if (!setup->options.lens.given) {
-    return Error{"--natural: needs --calibration: pictures are looked for through a known lens"};
-  }
-  if (setup->input->unorderedImages() || !setup->options.natural.enabled) {
-    return Error{"--natural: needs a sequence of images, and slam.natural.enabled"};
-  }
-  Result<io::NaturalMarkerSet> set = io::readNaturalMarkers(file);
-  if (!set) return set.error();
-  for (const std::string& note : set->notes) std::fprintf(stderr, "waymark: %s\n", note.c_str());
-  setup->options.natural.prints = io::printsOf(*set);
-  if (const std::string reason = setup->options.invalidReason(); !reason.empty()) {
-    return Error{file + ": " + reason};
-  }
-  setup->late =
-      std::make_unique<DelayedRelocalizer>(io::picturesOf(std::move(*set)), setup->camera);
-  return success();
-}
-
-// Those of a recording: they have been looked for.
-Status addRecordedPictures(const std::string& source, std::vector<slam::PicturePrint> prints,
-                           RunSetup* setup) {
-  if (prints.empty()) return success();
-  setup->options.natural.prints = std::move(prints);
-  if (const std::string reason = setup->options.invalidReason(); !reason.empty()) {
-    return Error{source + ": " + reason};
-  }
-  auto recorded = RecordedLateResults::read(source);
-  if (!recorded) return recorded.error();
-  setup->late = std::make_unique<RecordedLateResults>(std::move(*recorded));
-  return success();
-}
-
-// trajectory_2.tum and the like: an earlier run may have had more pieces.
-bool isTrajectory(const std::string& name) {
-  return name.starts_with("trajectory") && name.ends_with(".tum");
-}
-
-Result<RunSetup> prepare(const RunArguments& arguments) {
-  Result<RecordedInputs> recorded = recordedInputs(arguments.source);
-  if (!recorded) return recorded.error();
-  const bool as_recorded = recorded->settings && !saysOtherwise(arguments);
-  Result<io::SlamSettings> settings = as_recorded
-                                          ? slamSettings(arguments.markers, recorded->settings)
-                                          : slamSettings(arguments.markers);
-  if (!settings) return settings.error();
-  // The configuration's own files are not there any more, or are not what they were.
-  settings->map.localize_only =
-      arguments.localize_only || (as_recorded && settings->map.localize_only);
-  if (!as_recorded) recorded->map.reset();
-  const Result<std::optional<slam::Calibration>> calibration = calibrationOf(arguments, *recorded);
-  if (!calibration) return calibration.error();
-  Result<OpenedInput> opened = openRunInput({.source = arguments.source,
-                                             .calibration = arguments.calibration,
-                                             .calibration_fit = arguments.calibration_fit,
-                                             .fps = arguments.fps,
-                                             .realtime = arguments.realtime,
-                                             .fov_deg = settings->fov_deg},
-                                            *calibration);
-  if (!opened) return opened.error();
-  const slam::FittedCalibration& fitted = opened->fitted;
-  const Status lens = takeLens(*opened, settings->fov_deg, &settings->options);
-  if (!lens) return lens.error();
-  Result<std::optional<io::OldMap>> old_map =
-      oldMap(arguments, *settings, recorded->map, fitted.calibration);
-  if (!old_map) return old_map.error();
-  Result<std::optional<io::OutputDirectory>> detections = openDetections(arguments.save_detections);
-  if (!detections) return detections.error();
-  std::optional<io::OutputDirectory> output;
-  if (!arguments.out.empty()) {
-    Result<io::OutputDirectory> directory = io::OutputDirectory::open(arguments.out);
-    if (!directory) return directory.error();
-    output.emplace(std::move(directory).value());
-    output->keepEarlierIn("previous", isTrajectory);
-  }
-  RunSetup setup{slam::CameraModel(fitted.calibration),
-                 *slam::Dictionary::byName(settings->dictionary),
-                 settings->options,
-                 std::move(opened->input),
-                 fitted.change,
-                 calibrationName(arguments),
-                 std::move(output),
-                 std::move(detections).value(),
-                 std::move(old_map).value(),
-                 nullptr};
-  setup.options.mapping = !settings->map.localize_only;
-  if (setup.input->unorderedImages()) setup.options.treatAsUnorderedImages();
-  if (setup.old_map) io::agreeOnReadout(&*setup.old_map, &setup.options);
-  const bool pictures_as_recorded = as_recorded && arguments.natural.empty() && !arguments.fps;
-  const Status added =
-      pictures_as_recorded
-          ? addRecordedPictures(arguments.source, std::move(recorded->prints), &setup)
-          : addPictures(arguments.natural, &setup);
-  if (!added) return added.error();
-  return setup;
-}
 
 // Of a camera, which goes on for ever; 2.3 kB a frame. An hour at 30 Hz.
 constexpr std::size_t kCameraFrames = 108'000;
@@ -303,78 +86,6 @@ std::string otherWorldReason(const slam::Options& options,
     return "none of the anchors was ever placed" + other;
   }
   return {};
-}
-
-// A map that was only localized in stays what it was, byte for byte.
-std::string mapText(const slam::Slam& slam, const slam::Map& main_piece, const RunSetup& setup) {
-  if (!setup.options.mapping) return setup.old_map->text;
-  const std::optional<io::FieldSize> field =
-      setup.old_map ? setup.old_map->file.field : std::nullopt;
-  std::vector<const slam::Map*> others = slam.pieces();
-  std::erase(others, &main_piece);
-  return io::formatMap(main_piece, slam.camera().calibration(), slam.readout_s(), field, others);
-}
-
-// The piece of the map that files of one world are of: the one with an anchor, or else the one with
-// the most frames.
-const slam::Map& mainPiece(const slam::Slam& slam, const slam::MarkerOptions& markers,
-                           const std::map<int, io::Trajectory>& trajectories) {
-  const auto frames = [&](const slam::Map* map) {
-    const auto found = trajectories.find(map->piece);
-    return std::pair(!slam::firstKeyframeIsWorld(*map, markers),
-                     found == trajectories.end() ? std::size_t{0} : found->second.size());
-  };
-  const std::vector<const slam::Map*> pieces = slam.pieces();
-  return **std::ranges::max_element(pieces, {}, frames);  // the oldest of several such
-}
-
-// NAME.tum of the main piece, and NAME_PIECE.tum of each other one.
-void addTrajectories(const std::string& name, int main_piece,
-                     std::map<int, io::Trajectory> trajectories, io::OutputDirectory* output) {
-  output->add(name + ".tum", io::formatTrajectory(trajectories[main_piece]));
-  trajectories.erase(main_piece);
-  for (const auto& [piece, trajectory] : trajectories) {
-    output->add(name + "_" + std::to_string(piece) + ".tum", io::formatTrajectory(trajectory));
-  }
-}
-
-// `statistics` makes stats.json, given why it is incomplete. Where the disk is full, what fits.
-Status writeOutputs(const slam::Slam& slam,
-                    const std::function<std::string(const std::string&)>& statistics,
-                    const std::string& incomplete, const RunRecord& record, RunSetup& setup) {
-  io::OutputDirectory& output = *setup.output;
-  const auto final_poses = record.finalPoses(slam, setup.input->unorderedImages());
-  auto final_trajectories = io::trajectoriesOf(final_poses);
-  const slam::Map& map = mainPiece(slam, setup.options.markers, final_trajectories);
-  output.add("stats.json", statistics(incomplete));
-  const auto live_poses = record.livePoses();
-  addTrajectories("trajectory", map.piece, io::trajectoriesOf(live_poses), &output);
-  output.add("poses.csv", io::formatFramePoses(live_poses));
-  output.add("map.json", mapText(slam, map, setup));
-  addTrajectories("trajectory_final", map.piece, final_trajectories, &output);
-  output.add("poses_final.csv", io::formatFramePoses(final_poses));
-  output.add(setup.calibration_name, io::formatCalibration(slam.camera().calibration()));
-  output.add("map.svg", io::formatMapPicture({.title = setup.input->description(),
-                                              .markers = io::posedMarkerCorners(map),
-                                              .estimate = final_trajectories[map.piece],
-                                              .truth = {},
-                                              .z_is_up = false,
-                                              .photographs = setup.input->unorderedImages()}));
-  Status written = output.commit();
-  if (written) return written;
-  output.add("stats.json", statistics(written.error().message));
-  std::string message = written.error().message + "; missing:";
-  for (const std::string& name : output.commitWhatFits()) message += " " + name;
-  return Error{message};
-}
-
-Status writeDetections(const std::string& file, const RunRecord& record,
-                       const slam::CameraModel& camera, io::OutputDirectory& directory) {
-  const std::vector<io::RecordedFrame> frames = record.recordedFrames();
-  directory.add(std::filesystem::path(file).filename(),
-                io::formatRecordedDetections(frames, camera));
-  directory.add("frames.csv", io::formatFrameTimes(frames));
-  return directory.commit();
 }
 
 void announce(const RunArguments& arguments, const RunSetup& setup) {
@@ -439,7 +150,7 @@ void tellOfLens(const RunArguments& arguments, const slam::Slam& slam) {
 Result<ExitCode> run(const RunArguments& arguments) {
   // The SLAM is one thread; OpenCV's pool would blur its timing and gain nothing.
   cv::setNumThreads(1);
-  Result<RunSetup> prepared = prepare(arguments);
+  Result<RunSetup> prepared = prepareRun(arguments);
   if (!prepared) return prepared.error();
   RunSetup& setup = prepared.value();
   announce(arguments, setup);
@@ -483,7 +194,7 @@ Result<ExitCode> run(const RunArguments& arguments) {
     const auto statistics = [&](const std::string& why) {
       return record.statistics(slam, timer, setup.input->droppedLate(), why, verdict);
     };
-    note(writeOutputs(slam, statistics, *incomplete, record, setup));
+    note(writeResults(slam, statistics, *incomplete, record, setup));
     if (!arguments.quiet && !setup.output->earlier().empty()) {
       std::fprintf(stderr, "the results that were in %s are in %s now\n", arguments.out.c_str(),
                    setup.output->earlier().c_str());

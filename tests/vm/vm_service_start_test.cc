@@ -42,7 +42,9 @@ TEST_F(ServiceTest, EnabledItStartsAndIsReadyAndPublishes) {
   EXPECT_EQ(trimmed(runProgram({"systemctl", "is-enabled", kUnit}).out), "enabled");
   EXPECT_EQ(property("ActiveState"), "active");
   ASSERT_NO_FATAL_FAILURE(ensureRunning());
-  EXPECT_EQ(property("StatusText"), "tracking");
+  // Where a slow guest has lost frames, the map may be in pieces; that is said behind it.
+  const std::string status = property("StatusText");
+  EXPECT_TRUE(status.starts_with("tracking")) << status;
   EXPECT_EQ(property("WatchdogUSec"), "10s");
   EXPECT_EQ(trimmed(shell("stat -c %U:%G /etc/waymark").out), "root:root") << "not the service's";
   EXPECT_EQ(trimmed(shell("stat -c %U:%G:%a /run/waymark").out), "waymarkd:waymark:750");

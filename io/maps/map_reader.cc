@@ -1,11 +1,8 @@
-#include "io/maps/map_file.h"
-
 #include <algorithm>
 #include <array>
 #include <cmath>
 #include <cstdint>
 #include <limits>
-#include <span>
 #include <string_view>
 #include <utility>
 #include <vector>
@@ -14,8 +11,9 @@
 #include <Eigen/Eigenvalues>
 
 #include "base/decimal_seconds.h"
+#include "io/maps/map_file.h"
+#include "io/maps/map_keys.h"
 #include "io/settings/slam_settings.h"
-#include "io/text/fnv.h"
 #include "io/text/json_node.h"
 #include "io/text/number_text.h"
 #include "io/text/plausible.h"
@@ -28,141 +26,8 @@ namespace {
 
 using slam::MarkerState;
 
-constexpr std::string_view kFormat = "waymark-map";
-constexpr int kVersion = 1;
-constexpr const char* kGivenKeyframes = "covariance_given_keyframes";
-// There are more after the last of them.
+// There are more keyframes after the last of them.
 constexpr std::int64_t kLargestIndex = std::int64_t{1} << 62U;
-constexpr std::array<std::pair<std::string_view, MarkerState>, 5> kStates = {{
-    {"unresolved", MarkerState::kUnresolved},
-    {"mapped", MarkerState::kMapped},
-    {"quarantined", MarkerState::kQuarantined},
-    {"refused", MarkerState::kBanned},
-    {"elsewhere", MarkerState::kElsewhere},
-}};
-
-std::string_view nameOf(MarkerState state) {
-  for (const auto& [name, value] : kStates) {
-    if (value == state) return name;
-  }
-  return {};
-}
-
-// Over all of the text but the line of the checksum itself.
-std::string checksum(std::string_view before, std::string_view after) {
-  const std::uint64_t hash = fnv1a(after, fnv1a(before));
-  constexpr std::string_view kDigits = "0123456789abcdef";
-  std::string text = "fnv1a64:";
-  for (int shift = 60; shift >= 0; shift -= 4) text += kDigits[(hash >> shift) & 0xfU];
-  return text;
-}
-
-std::string checksumLine(const std::string& value) { return jsonField("checksum", value); }
-
-// Writing.
-
-Json matrixJson(const Eigen::Matrix2d& symmetric) {
-  return Json::array({symmetric(0, 0), symmetric(0, 1), symmetric(1, 1)});
-}
-
-template <typename T>
-Json listOfFour(const std::array<T, 4>& corners) {
-  Json list = Json::array();
-  for (const T& corner : corners) list.push_back(toJson(corner));
-  return list;
-}
-
-// The upper triangle, row by row.
-Json covarianceJson(const slam::Matrix6d& symmetric) {
-  Json list = Json::array();
-  for (Eigen::Index row = 0; row < 6; ++row) {
-    for (Eigen::Index column = row; column < 6; ++column) list.push_back(symmetric(row, column));
-  }
-  return list;
-}
-
-Json cameraJson(const slam::Calibration& c, double readout_s) {
-  const bool fisheye = c.model == slam::DistortionModel::kEquidistant;
-  return {{"width", c.width},
-          {"height", c.height},
-          {"fx", c.fx},
-          {"fy", c.fy},
-          {"cx", c.cx},
-          {"cy", c.cy},
-          {"distortion_model", fisheye ? "equidistant" : "rational_polynomial"},
-          {"distortion", c.distortion},
-          {"readout_s", readout_s}};
-}
-
-Json fieldJson(const FieldSize& field) {
-  return {{"length_m", field.length_m}, {"width_m", field.width_m}};
-}
-
-Json markerJson(const slam::MapMarker& marker, const std::string& dictionary) {
-  Json json = {{"dictionary", dictionary}, {"id", marker.id}, {"size", marker.size_m}};
-  if (marker.T_w_m) {
-    slam::MapMarker read = marker;  // its corners must be those of the pose that is read back
-    read.T_w_m = asRead(*marker.T_w_m);
-    json["T_w_m"] = toJson(*marker.T_w_m);
-    json["corners"] = listOfFour(read.cornersInWorld());
-  }
-  json["state"] = nameOf(marker.state);
-  if (marker.other_T_w_m) json["other_T_w_m"] = toJson(*marker.other_T_w_m);
-  const bool in_world = !marker.world_covariance.isZero(0.0);
-  if (in_world) json["covariance"] = covarianceJson(marker.world_covariance);
-  // With the one in the world always: who reads "covariance" alone has an older file.
-  if (in_world || !marker.covariance.isZero(0.0)) {
-    json[kGivenKeyframes] = covarianceJson(marker.covariance);
-  }
-  if (!marker.former_poses.empty()) {
-    json["former_poses"] = Json::array();
-    for (const slam::Transform& T : marker.former_poses) json["former_poses"].push_back(toJson(T));
-  }
-  return json;
-}
-
-// As markerJson(), of a natural marker.
-Json pictureJson(const slam::MapMarker& marker) {
-  Json json = markerJson(marker, "");
-  json.erase("dictionary");
-  json.erase("size");
-  json["name"] = marker.picture;
-  json["width"] = marker.size_m;
-  json["height"] = marker.height_m;
-  return json;
-}
-
-Json keyframeJson(const slam::Keyframe& keyframe) {
-  Json detections = Json::array();
-  for (const slam::MarkerDetection& detection : keyframe.detections) {
-    Json covariances = Json::array();
-    for (std::size_t k = 0; k < 4; ++k) covariances.push_back(matrixJson(detection.noise(k)));
-    detections.push_back({{"id", detection.id},
-                          {"hamming", detection.hamming},
-                          {"pixels", listOfFour(detection.pixels)},
-                          {"normalised_covariance", std::move(covariances)}});
-  }
-  Json json = {{"index", keyframe.id},
-               {"sequence", keyframe.sequence},
-               {"time_ns", keyframe.monotonic_ns},
-               {"T_w_c", toJson(keyframe.T_w_c)}};
-  if (!keyframe.twist.isZero(0.0)) {
-    const slam::Vector6d& v = keyframe.twist;
-    json["twist"] = Json::array({v[0], v[1], v[2], v[3], v[4], v[5]});
-  }
-  if (!keyframe.links.empty()) {
-    json["links"] = Json::array();
-    for (const slam::MarkerLink& link : keyframe.links) {
-      json["links"].push_back({{"marker", link.marker},
-                               {"T_c_m", toJson(link.T_c_m)},
-                               {"covariance", covarianceJson(link.covariance)}});
-    }
-  }
-  json["detections"] = std::move(detections);
-  return json;
-}
-
-// Reading.
 
 slam::Calibration readCamera(const JsonNode& node) {
   constexpr int kLargestImage = 1'000'000;
@@ -201,7 +66,7 @@ FieldSize readField(const JsonNode& node) {
 
 MarkerState readState(const JsonNode& node) {
   const std::string name = node.text();
-  for (const auto& [known, state] : kStates) {
+  for (const auto& [known, state] : map_keys::kStates) {
     if (name == known) return state;
   }
   node.fail("must be \"mapped\", \"unresolved\", \"quarantined\", \"refused\" or \"elsewhere\"");
@@ -394,8 +259,8 @@ class MapReader {
 
   // Until 0.1.0 "covariance" was what is now the one given the keyframes, and stood alone.
   static void readCovariances(const JsonNode& node, slam::MapMarker* marker) {
-    const bool has_both = node.has(kGivenKeyframes);
-    if (has_both) marker->covariance = readCovariance(node.at(kGivenKeyframes));
+    const bool has_both = node.has(map_keys::kGivenKeyframes);
+    if (has_both) marker->covariance = readCovariance(node.at(map_keys::kGivenKeyframes));
     if (!node.has("covariance")) return;
     const slam::Matrix6d covariance = readCovariance(node.at("covariance"));
     if (!has_both) {
@@ -494,13 +359,13 @@ constexpr std::array<std::string_view, 10> kKeys = {
     "field",  "markers", "unposed_markers", "natural_markers", "keyframes"};
 
 void checkHead(const JsonNode& root) {
-  if (root.at("format").text() != kFormat) {
-    root.at("format").fail("must be \"" + std::string(kFormat) + "\"");
+  if (root.at("format").text() != map_keys::kFormat) {
+    root.at("format").fail("must be \"" + std::string(map_keys::kFormat) + "\"");
   }
   const JsonNode version = root.at("version");
-  if (root.good() && version.json() != kVersion) {
+  if (root.good() && version.json() != map_keys::kVersion) {
     version.fail("is " + version.json().dump() + ", this program reads " +
-                 std::to_string(kVersion));
+                 std::to_string(map_keys::kVersion));
   }
   if (!root.good()) return;
   for (const auto& [key, value] : root.json().items()) {
@@ -512,53 +377,16 @@ void checkHead(const JsonNode& root) {
 
 void checkChecksum(const JsonNode& node, const std::string& text) {
   const std::string stored = node.text();
-  const std::string line = checksumLine(stored);
+  const std::string line = map_keys::checksumLine(stored);
   const std::size_t begin = text.find(line);
   if (begin != text.npos) {
     const std::string_view all = text;
-    if (checksum(all.substr(0, begin), all.substr(begin + line.size())) == stored) return;
+    if (map_keys::checksum(all.substr(0, begin), all.substr(begin + line.size())) == stored) return;
   }
   node.fail("does not match: the file is damaged, or was edited; take the line out to use it");
 }
 
 }  // namespace
-
-std::string formatMap(const slam::Map& map, const std::optional<slam::Calibration>& camera,
-                      double readout_s, const std::optional<FieldSize>& field,
-                      std::span<const slam::Map* const> other_pieces) {
-  std::vector<Json> posed;
-  std::vector<Json> unposed;
-  std::vector<Json> pictures;
-  std::vector<Json> keyframes;
-  const auto add = [&](const slam::Map& piece) {
-    const auto inPiece = [&](Json json) {
-      if (piece.piece != 0) json["piece"] = piece.piece;
-      return json;
-    };
-    for (const auto& [id, marker] : piece.markers()) {
-      if (slam::isPicture(id)) {
-        pictures.push_back(inPiece(pictureJson(marker)));
-        continue;
-      }
-      (marker.T_w_m ? posed : unposed).push_back(inPiece(markerJson(marker, map.dictionary)));
-    }
-    for (const auto& [id, keyframe] : piece.keyframes()) {
-      keyframes.push_back(inPiece(keyframeJson(keyframe)));
-    }
-  };
-  add(map);
-  for (const slam::Map* const piece : other_pieces) add(*piece);
-
-  const std::string head = "{" + jsonField("format", kFormat) + jsonField("version", kVersion);
-  std::string body = jsonField("dictionary", map.dictionary);
-  body += jsonField("camera", camera ? cameraJson(*camera, readout_s) : Json(nullptr));
-  if (field) body += jsonField("field", fieldJson(*field));
-  body += jsonList("markers", posed) + ",\n";
-  body += jsonList("unposed_markers", unposed) + ",\n";
-  if (!pictures.empty()) body += jsonList("natural_markers", pictures) + ",\n";
-  body += jsonList("keyframes", keyframes) + "}\n";
-  return head + checksumLine(checksum(head, body)) + body;
-}
 
 Result<MapFile> parseMap(const std::string& text, const std::filesystem::path& file) {
   const Result<Json> json = parseJson(text, file.string());
