@@ -189,7 +189,8 @@ const WaymarkPanels = (() => {
   let drawnKey = null;
   const TIMES = 20;          // residuals are drawn so much longer
 
-  function addPreview(preview) {
+  // Its image is there later than the message, and perhaps nothing comes after that: ready is called.
+  function addPreview(preview, ready) {
     if (!preview.image) {
       photo.shown = null;
       return;
@@ -199,6 +200,7 @@ const WaymarkPanels = (() => {
       photo.image = image;
       photo.shown = preview;
       photo.came_ms = performance.now();
+      ready();
     };
     image.src = preview.image;
   }

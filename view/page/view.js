@@ -55,7 +55,7 @@
       state.calibration = m;
       WaymarkPanels.showCalibration(m);
     },
-    preview: (m) => WaymarkPanels.addPreview(m),
+    preview: (m) => WaymarkPanels.addPreview(m, show),
     control: (m) => WaymarkPanels.showControl(m.status),
     answer: (m) => {
       if (WaymarkOffline.isOffline()) return;
