@@ -8,6 +8,7 @@
 
 #include <gtest/gtest.h>
 
+#include "slam/camera/undistort_map.h"
 #include "slam/slam.h"
 #include "slam/testing/scene.h"
 
@@ -127,18 +128,13 @@ TEST_F(PieceSetTest, WithoutPiecesItWaits) {
 // That the camera has a global shutter is found once, not in every room again.
 TEST_F(PieceSetTest, ANewPieceKnowsTheShutter) {
   period_ns_ = 33'000'000;
-  const auto anyDoubted = [](const Map& map) {
-    return std::ranges::any_of(map.keyframes(), [](const auto& entry) {
-      return std::ranges::any_of(entry.second.detections, &MarkerDetection::isDoubted);
-    });
-  };
   (void)walk(10, 0, 3);
-  ASSERT_TRUE(anyDoubted(slam().map())) << "nobody has told of it";
+  ASSERT_TRUE(isDoubted(slam().map())) << "nobody has told of it";
   (void)walk(60, 0, 3);
-  ASSERT_FALSE(anyDoubted(slam().map()));
+  ASSERT_FALSE(isDoubted(slam().map()));
   (void)walk(10, 3, 6);
   ASSERT_EQ(slam().pieces().size(), 2U);
-  EXPECT_FALSE(anyDoubted(*slam().pieces().back()));
+  EXPECT_FALSE(isDoubted(*slam().pieces().back()));
 }
 
 TEST_F(PieceSetTest, FramesWithMarkersOfBothJoinTwoPieces) {

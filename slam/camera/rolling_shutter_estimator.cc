@@ -29,12 +29,6 @@ void seeWith(double readout_s, const CameraModel& camera, Map* map) {
   trustReadout(map);
 }
 
-bool isDoubted(const Map& map) {
-  return std::ranges::any_of(map.keyframes(), [](const auto& entry) {
-    return std::ranges::any_of(entry.second.detections, &MarkerDetection::isDoubted);
-  });
-}
-
 }  // namespace
 
 RollingShutterEstimator::RollingShutterEstimator(const RollingShutterOptions& shutter,

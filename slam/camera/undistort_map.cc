@@ -1,5 +1,6 @@
 #include "slam/camera/undistort_map.h"
 
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <vector>
@@ -66,6 +67,12 @@ void doubtReadout(const CameraModel& camera, double sigma_s, KeyframeId id, Map*
                  &again);
     if (again.readout_doubt != detection.readout_doubt) map->replaceView(id, again);
   }
+}
+
+bool isDoubted(const Map& map) {
+  return std::ranges::any_of(map.keyframes(), [](const auto& entry) {
+    return std::ranges::any_of(entry.second.detections, &MarkerDetection::isDoubted);
+  });
 }
 
 void trustReadout(Map* map) {

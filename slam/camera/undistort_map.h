@@ -24,6 +24,8 @@ void undistortAgain(const CameraModel& camera, std::vector<MarkerDetection>* det
 // What is not known of the readout time, sigma_s, becomes noise of the corners of this keyframe
 // (doubtReadout, rolling_shutter.h).
 void doubtReadout(const CameraModel& camera, double sigma_s, KeyframeId keyframe, Map* map);
+// Whether that is in any corner of the map.
+[[nodiscard]] bool isDoubted(const Map& map);
 // It is known by now: the noise of all corners is the image's again.
 void trustReadout(Map* map);
 
