@@ -36,8 +36,7 @@ TEST_F(ServiceTest, WithoutAConfigurationItFailsWithOneLineAndIsNotTriedAgain) {
 }
 
 TEST_F(ServiceTest, EnabledItStartsAndIsReadyAndPublishes) {
-  // In one piece, also where a slow guest loses frames: the status would tell of several.
-  write(kConfiguration, keepingItsMap() + "[slam.pieces]\nbegin = false\n");
+  write(kConfiguration, keepingItsMap());
   const ProgramResult enabled = runProgram({"systemctl", "enable", "--now", kUnit});
   ASSERT_EQ(enabled.exit_code, 0) << enabled.err << journal();
   EXPECT_EQ(trimmed(runProgram({"systemctl", "is-enabled", kUnit}).out), "enabled");
