@@ -4,6 +4,7 @@
 
 #include "slam/covariance/marginals.h"
 #include "slam/geometry/turned_covariance.h"
+#include "slam/marker_pose/square_pose.h"
 
 namespace waymark::slam {
 
@@ -46,10 +47,28 @@ std::optional<PoseEstimate> FeatureStage::fused() const {
   return followed_ ? inWorld(integrator_.fused()) : std::nullopt;
 }
 
-std::optional<PoseEstimate> FeatureStage::bridge(const FrameInput& frame, StageObserver* observer) {
+void FeatureStage::findUnplaced(std::span<const MarkerDetection> detections, const Map& map) {
+  unplaced_.clear();
+  for (const MarkerDetection& detection : detections) {
+    const MapMarker* const known = map.find(detection.id);
+    const bool is_unplaced = known == nullptr || known->state == MarkerState::kUnresolved ||
+                             known->state == MarkerState::kElsewhere;
+    if (!is_unplaced) continue;
+    const double size_m = markers_.sizeOf(detection.id);
+    const auto pose =
+        estimateSquarePose(detection, size_m, camera_.focalLength(), resolver_.square);
+    UnplacedMarker& marker = unplaced_.emplace_back(UnplacedMarker{&detection, size_m, {}});
+    if (pose && pose->unambiguous(resolver_.final_ratio)) marker.T_c_m = pose->T_c_m[0];
+  }
+}
+
+std::optional<PoseEstimate> FeatureStage::bridge(const FrameInput& frame,
+                                                 std::span<const MarkerDetection> detections,
+                                                 const Map& map, StageObserver* observer) {
   if (!concerns(frame)) return std::nullopt;
   const StageScope scope(observer, Stage::kFeatures);
-  return inWorld(integrator_.bridge(frame.time.monotonic_ns, *frame.image));
+  findUnplaced(detections, map);
+  return inWorld(integrator_.bridge(frame.time.monotonic_ns, *frame.image, unplaced_));
 }
 
 void FeatureStage::await(const FrameInput& frame, bool has_pose, StageObserver* observer) {

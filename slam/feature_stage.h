@@ -16,6 +16,7 @@
 #include "slam/late_result.h"
 #include "slam/map/map.h"
 #include "slam/natural/pose_integrator.h"
+#include "slam/options.h"
 #include "slam/stages.h"
 #include "slam/tracking/frame_tracker.h"
 
@@ -24,11 +25,14 @@ namespace waymark::slam {
 class FeatureStage {
  public:
   // All that it is given must outlive it.
-  FeatureStage(const NaturalOptions& options, const CameraModel& camera, MapCovariance& covariance,
+  FeatureStage(const Options& options, const CameraModel& camera, MapCovariance& covariance,
                Counters* counters)
-      : options_(options),
+      : options_(options.natural),
+        markers_(options.markers),
+        resolver_(options.mapper.marker_pose),
+        camera_(camera),
         covariance_(covariance),
-        integrator_(options, camera, counters),
+        integrator_(options.natural, camera, counters),
         counters_(counters) {}
 
   // Before a frame: the rolling shutter that it is seen through, as VisualFilter's.
@@ -40,9 +44,10 @@ class FeatureStage {
   // the place in its covariance. Empty where the markers alone know as well.
   [[nodiscard]] std::optional<PoseEstimate> fused() const;
   // Where they have given none: the pose, with what the map does not know of the place in its
-  // covariance.
+  // covariance. detections: as at the middle row's time.
   [[nodiscard]] std::optional<PoseEstimate> bridge(const FrameInput& frame,
-                                                   StageObserver* observer);
+                                                   std::span<const MarkerDetection> detections,
+                                                   const Map& map, StageObserver* observer);
   // After follow(): where a bridge has ended at markers that are known, as seen from where it
   // began.
   struct Arrival {
@@ -66,16 +71,23 @@ class FeatureStage {
 
  private:
   [[nodiscard]] bool concerns(const FrameInput& frame) const;
+  // Those that the map has no place for, and does not distrust.
+  void findUnplaced(std::span<const MarkerDetection> detections, const Map& map);
   [[nodiscard]] std::optional<PoseEstimate> inWorld(std::optional<PoseEstimate> pose) const;
 
   const NaturalOptions& options_;
+  const MarkerOptions& markers_;
+  const MarkerResolverOptions& resolver_;
+  const CameraModel& camera_;
   MapCovariance& covariance_;
   PoseIntegrator integrator_;
   Counters* counters_;
   int anchor_ = -1;
-  int anchor_before_ = -1;            // the last frame
-  bool followed_ = false;             // the last frame with a pose from markers
-  std::vector<KnownMarker> fitting_;  // reused from frame to frame
+  int anchor_before_ = -1;  // the last frame
+  bool followed_ = false;   // the last frame with a pose from markers
+  // Reused from frame to frame.
+  std::vector<KnownMarker> fitting_;
+  std::vector<UnplacedMarker> unplaced_;
   std::vector<Eigen::Vector3d> points_w_;
 };
 

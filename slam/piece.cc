@@ -60,7 +60,7 @@ class Piece::Impl {
         map_(std::move(map)),
         covariance_(options_.markers, options_.covariance, camera_uncertainty_, map_,
                     options_.mapping),
-        features_(options_.natural, camera_, covariance_, &counters_),
+        features_(options_, camera_, covariance_, &counters_),
         pictures_({options_, &updater_, &covariance_, &features_, &map_, &counters_}),
         world_(options_.markers),
         start_({options_, camera_, tracker_.tracker(), &updater_, &covariance_, &map_}),
@@ -99,7 +99,7 @@ class Piece::Impl {
       initialize(usable, frame, turn, observer, &result);
     } else {
       tracked = track(usable, frame, prediction, observer, &result);
-      if (!tracked && turn == Turn::kOwn) bridge(usable, frame, observer, &result);
+      if (!tracked && turn == Turn::kOwn) bridge(usable, frame, prediction, observer, &result);
       if (options_.mapping) {
         const StageScope scope(observer, Stage::kMap);
         if (tracked) arrive(*tracked, &result);
@@ -251,7 +251,7 @@ class Piece::Impl {
       result->state = TrackingState::kTracking;
       tracker_.commit(*result->pose, frame.time.monotonic_ns);
     } else if (pictures_.any() && turn == Turn::kOwn) {
-      (void)features_.bridge(frame, observer);  // from a frame that pictures may be found in
+      (void)features_.bridge(frame, {}, map_, observer);  // from one that pictures may be found in
     }
   }
 
@@ -324,8 +324,13 @@ class Piece::Impl {
 
   // Between the markers.
   void bridge(std::span<const MarkerDetection> usable, const FrameInput& frame,
-              StageObserver* observer, FrameResult* result) {
-    result->pose = features_.bridge(frame, observer);
+              const std::optional<Prediction>& prediction, StageObserver* observer,
+              FrameResult* result) {
+    deskewed_.assign(usable.begin(), usable.end());
+    if (prediction) {
+      rolling_shutter_.deskew(camera_, map_, prediction->T_w_c, prediction->twist, &deskewed_);
+    }
+    result->pose = features_.bridge(frame, deskewed_, map_, observer);
     if (!result->pose) return;
     const PoseGlobalMatrix by_camera = covariance_.sharedByCamera(result->pose->T_w_c.p);
     result->pose->covariance += by_camera * camera_uncertainty_.covariance * by_camera.transpose();
@@ -456,6 +461,7 @@ class Piece::Impl {
   MapStart start_;
   BatchMapper batch_;
   std::vector<MarkerDetection> undistorted_;  // of a frame in which the lens has changed
+  std::vector<MarkerDetection> deskewed_;     // of a frame without a pose from markers
   std::int64_t last_link_ns_ = 0;
 };
 

@@ -126,8 +126,11 @@ std::optional<PoseEstimate> PoseIntegrator::fusedPose(const PoseEstimate& of_mar
   return fused;
 }
 
-std::optional<VisualUpdate> PoseIntegrator::look(std::int64_t time_ns, const ImageView& image) {
-  const VisualUpdate update = filter_->update(image, camera_, {});
+std::optional<VisualUpdate> PoseIntegrator::look(std::int64_t time_ns, const ImageView& image,
+                                                 std::span<const UnplacedMarker> unplaced) {
+  // Adrift, the scale is what two pictures say of it.
+  if (adrift_) unplaced = {};
+  const VisualUpdate update = filter_->update(image, camera_, {}, unplaced);
   if (update.believed >= options_.integrator.min_features) last_seen_ns_ = time_ns;
   const double blind_s = secondsBetween(last_seen_ns_, time_ns);
   if (blind_s <= options_.integrator.max_blind_s && isFinite(filter_->pose())) return update;
@@ -135,12 +138,13 @@ std::optional<VisualUpdate> PoseIntegrator::look(std::int64_t time_ns, const Ima
   return std::nullopt;
 }
 
-std::optional<PoseEstimate> PoseIntegrator::bridge(std::int64_t time_ns, const ImageView& image) {
+std::optional<PoseEstimate> PoseIntegrator::bridge(std::int64_t time_ns, const ImageView& image,
+                                                   std::span<const UnplacedMarker> unplaced) {
   bridging_ = false;
   fused_.reset();
   advance(time_ns);
   if (!running()) return std::nullopt;
-  const auto update = look(time_ns, image);
+  const auto update = look(time_ns, image, unplaced);
   if (update && anew_) beginAtKnownPoints(image);
   if (!update || !running()) return std::nullopt;
   const auto placed = adrift_ ? placedByFirstFix() : filter_->pose();
@@ -167,7 +171,7 @@ void PoseIntegrator::await(std::uint64_t frame, std::int64_t time_ns, const Imag
   if (!filter_) return;
   if (!running()) {
     if (has_pose) return;
-    start(time_ns, {});
+    start(time_ns, {}, true);
     (void)filter_->update(image, camera_, {});
     last_seen_ns_ = time_ns;
     adrift_ = true;
@@ -261,7 +265,9 @@ LateOutcome PoseIntegrator::late(const LatePose& pose, std::span<const Eigen::Ve
 // contradicts it.
 void PoseIntegrator::note(const Fix& fix) {
   ambiguity_ratio_ = kUnambiguous;
-  const FeatureFilter& filter = filter_->filter();
+  FeatureFilter& filter = filter_->filter();
+  // Of no known scale, by definition: how little is known of that is scaleOf()'s.
+  (void)filter.rescaleFromPast(fix.frame, 1.0, 0.0);
   const auto first = first_fix_ ? filter.pastPose(first_fix_->frame) : std::nullopt;
   const auto now = filter.pastPose(fix.frame);
   if (!first || !now || !turnedAlike(*first_fix_, first->R, fix, now->R)) first_fix_ = fix;
@@ -378,12 +384,12 @@ void PoseIntegrator::giveUp() {
   first_fix_.reset();
 }
 
-void PoseIntegrator::start(std::int64_t time_ns, const PoseEstimate& pose) {
+void PoseIntegrator::start(std::int64_t time_ns, const PoseEstimate& pose, bool assumes_scale) {
   const PoseIntegratorOptions& options = options_.integrator;
   Matrix6d covariance = pose.view_covariance;
   covariance.diagonal().head<3>().array() += options.start_sigma_m * options.start_sigma_m;
   covariance.diagonal().tail<3>().array() += options.start_sigma_rad * options.start_sigma_rad;
-  filter_->reinitialize(pose.T_w_c, covariance);
+  filter_->reinitialize(pose.T_w_c, covariance, assumes_scale);
   time_ns_ = time_ns;
 }
 

@@ -132,8 +132,10 @@ class PoseIntegrator {
   // camera in it, as of what the bridge began from.
   [[nodiscard]] const std::optional<FilteredPose>& arrival() const { return arrival_; }
   // A frame without one; where the camera is, its covariances relative to the markers it came from.
-  // Empty where neither features nor motion say.
-  [[nodiscard]] std::optional<PoseEstimate> bridge(std::int64_t time_ns, const ImageView& image);
+  // Empty where neither features nor motion say. unplaced: markers in view that the map has no
+  // place for.
+  [[nodiscard]] std::optional<PoseEstimate> bridge(std::int64_t time_ns, const ImageView& image,
+                                                   std::span<const UnplacedMarker> unplaced = {});
 
   // After follow() or bridge(): the frame's camera may be spoken of later. Where nothing is
   // followed and the frame has no pose, features are followed from here on, adrift: without a place
@@ -153,7 +155,8 @@ class PoseIntegrator {
  private:
   [[nodiscard]] bool running() const { return filter_ && filter_->running(); }
   // The features seen in it, if any; nullopt where they are given up.
-  [[nodiscard]] std::optional<VisualUpdate> look(std::int64_t time_ns, const ImageView& image);
+  [[nodiscard]] std::optional<VisualUpdate> look(std::int64_t time_ns, const ImageView& image,
+                                                 std::span<const UnplacedMarker> unplaced);
   using Fix = LateFix;
   // Of a filter that has a place. kRefused: it contradicts a picture, which may be wrong itself.
   [[nodiscard]] LateOutcome weigh(const LatePose& pose);
@@ -194,7 +197,7 @@ class PoseIntegrator {
                                                       const VisualUpdate& update) const;
   // To the frame's time; gives up after a pause.
   void advance(std::int64_t time_ns);
-  void start(std::int64_t time_ns, const PoseEstimate& pose);
+  void start(std::int64_t time_ns, const PoseEstimate& pose, bool assumes_scale = false);
   // Enough markers for so long that there is no gap to come.
   [[nodiscard]] bool isIdle(std::int64_t time_ns, std::size_t markers);
   [[nodiscard]] bool contradicts(const PoseEstimate& pose) const;

@@ -1,12 +1,14 @@
 #include "slam/natural/pose_integrator.h"
 
 #include <algorithm>
+#include <cmath>
 #include <random>
 #include <vector>
 
 #include <gtest/gtest.h>
 
 #include "slam/camera_pose/pose_optimizer.h"
+#include "slam/marker_pose/square_pose.h"
 #include "slam/natural/filter/testing_textured_wall.h"
 #include "slam/testing/synthetic.h"
 
@@ -39,7 +41,7 @@ class PoseIntegratorTest : public ::testing::Test {
     const ImageView image{pixels_.data(), camera_.width(), camera_.height(), camera_.width()};
     const auto time_ns = static_cast<std::int64_t>(1e9 * t);
     ++frame_;
-    if (see != See::kAll) return {integrator_->bridge(time_ns, image), false};
+    if (see != See::kAll) return {bridge(time_ns, image), false};
     const auto seen = testing::observe(camera_, truth_, 7, marker_, kSize_m, 0.1, &rng_);
     EXPECT_TRUE(seen);
     Transform believed = marker_;
@@ -59,6 +61,16 @@ class PoseIntegratorTest : public ::testing::Test {
     if (integrator_->follow(time_ns, image, pose, true, markers)) return {pose, true};
     return {integrator_->bridge(time_ns, image), false};
   }
+  std::optional<PoseEstimate> bridge(std::int64_t time_ns, const ImageView& image) {
+    const auto seen = unplaced_
+                          ? testing::observe(camera_, truth_, 8, *unplaced_, kSize_m, 0.1, &rng_)
+                          : std::nullopt;
+    if (!seen) return integrator_->bridge(time_ns, image);
+    UnplacedMarker marker{&*seen, kSize_m, {}};
+    const auto pose = estimateSquarePose(*seen, kSize_m, camera_.focalLength());
+    if (pose && pose->unambiguous(20.0)) marker.T_c_m = pose->T_c_m[0];
+    return integrator_->bridge(time_ns, image, {&marker, 1});
+  }
   // With the marker in view.
   void begin(int frames = 20) {
     for (int i = 0; i < frames; ++i) ASSERT_TRUE(step(See::kAll).followed);
@@ -73,6 +85,7 @@ class PoseIntegratorTest : public ::testing::Test {
   testing::Dolly dolly_;
   PoseOptimizer optimizer_{camera_.focalLength(), {}};
   Transform marker_ = testing::markerFacing({0.0, -0.005, 0.1}, {0.0, -1.0, 0.1});
+  std::optional<Transform> unplaced_;  // a marker that no map knows, in frames without the other
   std::mt19937 rng_{3};
   NaturalOptions options_;
   Counters counters_;
@@ -102,6 +115,30 @@ TEST_F(PoseIntegratorTest, FeaturesCarryThePose) {
   EXPECT_EQ(counters_.bridged_frames, 60U);
   EXPECT_TRUE(step(See::kAll).followed) << "the marker agrees when it is seen again";
   EXPECT_EQ(counters_.filter_restarts, 0U);
+}
+
+// Its size tells how far the camera goes.
+TEST_F(PoseIntegratorTest, AMarkerWithoutAPlaceMakesThePoseSurer) {
+  const auto sigma_m = [](const PoseEstimate& pose) {
+    return std::sqrt(pose.covariance.topLeftCorner<3, 3>().trace());
+  };
+  double without_m = 0.0;
+  for (const bool shown : {false, true}) {
+    SetUp();
+    integrator_.reset();
+    frame_ = 0;
+    begin(10);
+    if (shown) unplaced_ = testing::markerFacing({0.1, -0.005, -0.2}, {0.1, -1.0, -0.2});
+    Frame frame;
+    for (int i = 0; i < 60; ++i) frame = step(See::kWallOnly);
+    ASSERT_TRUE(frame.pose);
+    const Vector6d e = frame.pose->T_w_c.localCoordinates(truth_);
+    EXPECT_LT(e.dot(frame.pose->covariance.ldlt().solve(e)), 22.5) << shown;
+    if (shown) {
+      EXPECT_LT(sigma_m(*frame.pose), 0.7 * without_m);
+    }
+    without_m = sigma_m(*frame.pose);
+  }
 }
 
 TEST_F(PoseIntegratorTest, InTheDarkMotionIsAPoseForAMomentOnly) {

@@ -232,68 +232,15 @@ bool FeatureFilter::correct(const CameraModel* camera, double chi2) {
     }
     state_.correct(step_.data());
     if (iteration + 1 >= options_.max_iterations || !isFarFromLinear(camera)) break;
+    state_.followScale(moved_.data());
     for (std::size_t i = 0; i < rows_.size(); ++i) {
       (void)linearize(camera, measurements_[i], &rows_[i]);  // else: as it was
     }
     assemble();
   }
   update_.reduce(state_.covariance(), state_.stride());
+  state_.followScale();
   return true;
-}
-
-// --- Markers -------------------------------------------------------------------------------------
-
-std::optional<int> FeatureFilter::markerPlace(const KnownMarker& marker) {
-  const auto id = static_cast<std::uint64_t>(marker.detection->id);
-  const auto known = std::find_if(markers_seen_.begin(), markers_seen_.end(),
-                                  [id](const MarkerSeen& seen) { return seen.id == id; });
-  if (known != markers_seen_.end()) {
-    known->time_s = time_s_;
-    return state_.findPose(PoseKind::kMarker, id);
-  }
-  if (markers_seen_.size() >= static_cast<std::size_t>(options_.max_markers)) return std::nullopt;
-  const Matrix6d A = invariantFromRetract(marker.T_w_m.p);
-  const int place =
-      state_.addPose(PoseKind::kMarker, id, marker.T_w_m, A * marker.covariance * A.transpose());
-  if (place < 0) return std::nullopt;
-  markers_seen_.push_back({id, time_s_});
-  return place;
-}
-
-void FeatureFilter::forgetMarkers() {
-  for (std::size_t i = markers_seen_.size(); i-- > 0;) {
-    if (time_s_ - markers_seen_[i].time_s <= options_.marker_memory_s) continue;
-    const auto place = state_.findPose(PoseKind::kMarker, markers_seen_[i].id);
-    if (place) state_.removePose(*place);
-    markers_seen_.erase(markers_seen_.begin() + static_cast<std::ptrdiff_t>(i));
-  }
-}
-
-MarkerOutcome FeatureFilter::observeMarkers(std::span<const KnownMarker> markers) {
-  MarkerOutcome outcome;
-  forgetMarkers();
-  for (const KnownMarker& marker : markers) {
-    const auto place = markerPlace(marker);
-    if (!place) {
-      ++outcome.left_out;
-      continue;
-    }
-    state_.compact();
-    const Transform T_m_w = marker.T_w_m.inverse();
-    measurements_.clear();
-    for (std::size_t k = 0; k < 4; ++k) {
-      measurements_.push_back({*place, -1, T_m_w * marker.corners_w[k],
-                               marker.detection->normalized[k], marker.detection->covariance[k]});
-    }
-    linearizeAll(nullptr);
-    if (rows_.size() < 4) {
-      ++outcome.left_out;
-      continue;
-    }
-    assemble();
-    ++(correct(nullptr, options_.marker_chi2) ? outcome.used : outcome.refused);
-  }
-  return outcome;
 }
 
 // --- Features ------------------------------------------------------------------------------------

@@ -2,6 +2,7 @@
 // points.
 #pragma once
 
+#include <array>
 #include <cstdint>
 #include <optional>
 #include <span>
@@ -76,6 +77,14 @@ struct ExpectedFeature {
   Eigen::RowVector3d J_forward = Eigen::RowVector3d::Zero();  // PointView
 };
 
+// A marker in view that the map has no place for.
+struct UnplacedMarker {
+  const MarkerDetection* detection = nullptr;  // as at the middle row's time
+  double size_m = 0.0;
+  // As its corners have it; empty where they leave two poses open.
+  std::optional<Transform> T_c_m;
+};
+
 struct MarkerOutcome {
   int used = 0;
   int refused = 0;   // contradict what the filter knows
@@ -99,6 +108,11 @@ class FeatureFilter {
   // when first seen, so that the map's errors stay what they are however often they are seen. What
   // one marker's error has in common with another's is not known here.
   MarkerOutcome observeMarkers(std::span<const KnownMarker> markers);
+
+  // After observeMarkers(), where there are none of those: a marker's place becomes part of the
+  // state, as seen from here, and from its next image on the size of its print tells how far the
+  // camera has gone. One that contradicts what the filter knows is forgotten, and begins anew.
+  MarkerOutcome observeUnplaced(std::span<const UnplacedMarker> markers);
 
   // Where a feature is expected; empty where the camera cannot see it.
   [[nodiscard]] std::optional<ExpectedFeature> expect(const CameraModel& camera, int feature) const;
@@ -197,8 +211,16 @@ class FeatureFilter {
   // is further off than chi2.
   bool correct(const CameraModel* camera, double chi2);
   [[nodiscard]] bool isFarFromLinear(const CameraModel* camera) const;
+  // The place in the state of a marker that has one, which is in view once more.
+  [[nodiscard]] std::optional<int> seenMarker(std::uint64_t id);
+  // The same, or a new one; empty where there is none.
   [[nodiscard]] std::optional<int> markerPlace(const KnownMarker& marker);
+  [[nodiscard]] std::optional<int> markerPlace(const UnplacedMarker& marker);
+  void forgetMarker(std::uint64_t id);
   void forgetMarkers();
+  // False where they contradict what is known.
+  bool observeCorners(int place, const std::array<Eigen::Vector3d, 4>& corners_m,
+                      const MarkerDetection& detection, MarkerOutcome* outcome);
   void adaptNoise(std::span<const FeatureMatch> matches);
   void measure(const FeatureMatch& match);
   // The consensus of measurements_.

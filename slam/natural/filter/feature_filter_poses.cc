@@ -41,6 +41,7 @@ PoseOutcome FeatureFilter::observePoseAt(int offset, const Transform& T_w_s,
   if (!update_.solve()) return PoseOutcome::kRefused;
   state_.correct(update_.delta());
   update_.reduce(state_.covariance(), state_.stride());
+  state_.followScale();
   return PoseOutcome::kUsed;
 }
 

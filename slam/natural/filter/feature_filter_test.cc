@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cstdio>
 #include <map>
+#include <random>
 #include <vector>
 
 #include <Eigen/Eigenvalues>
@@ -142,6 +143,99 @@ TEST(FeatureFilter, ExactBearingsWouldLie) {
 
 Path still(unsigned seed) {
   return [T = walk(seed)(1.0)](double) { return T; };
+}
+
+// In a gap whose scale is known to 5 % only a marker is passed that no map knows. Its corners,
+// with nothing known of its place, tell the scale of what was before and of what follows.
+TEST(FeatureFilter, AMarkerWithoutAPlaceTellsTheScale) {
+  constexpr int kSeeds = 50;
+  constexpr double kSpeed_m_per_s = 0.8;
+  constexpr double kScaleSigma = 0.05;
+  const Transform T_w_m = testing::markerFacing({6.0, 1.8, 0.1}, {0.3, 0.1, 0.1});
+  double nees = 0.0;
+  double squares_m2 = 0.0;
+  double without_m2 = 0.0;
+  int used = 0;
+  int refused = 0;
+  for (unsigned seed = 0; seed < kSeeds; ++seed) {
+    PointWorld with(seed, walk(seed, kSpeed_m_per_s), {}, {});
+    PointWorld without(seed, walk(seed, kSpeed_m_per_s), {}, {});
+    std::mt19937 rng(seed);
+    const double scale = std::exp(kScaleSigma * std::normal_distribution<double>()(rng));
+    for (int k = 0; k <= 13 * 30; ++k) {
+      const bool marker = k < kMarkerUntil_s * 30.0;
+      for (PointWorld* world : {&with, &without}) {
+        world->step(marker, true);
+        if (k != kMarkerUntil_s * 30.0) continue;
+        world->filter().markPast(1);
+        ASSERT_TRUE(world->filter().rescaleFromPast(1, scale, kScaleSigma));
+      }
+      if (marker) continue;
+      const MarkerOutcome outcome = with.showUnplaced(T_w_m);
+      used += outcome.used;
+      refused += outcome.refused;
+    }
+    nees += with.nees() / kSeeds;
+    squares_m2 += with.error().head<3>().squaredNorm() / kSeeds;
+    without_m2 += without.error().head<3>().squaredNorm() / kSeeds;
+  }
+  std::printf("with it %.1f mm, NEES %.2f, without %.1f mm; used %d times, refused %d\n",
+              1e3 * std::sqrt(squares_m2), nees, 1e3 * std::sqrt(without_m2), used, refused);
+  EXPECT_GT(used, kSeeds * 30);
+  EXPECT_LT(refused, used / 100);
+  EXPECT_LT(squares_m2, 0.1 * 0.1 * without_m2);
+  EXPECT_LT(nees, 6.0 * 1.3 * 1.3);
+  EXPECT_GT(nees, 6.0 / (1.6 * 1.6));
+}
+
+// A scale that is known to 15 % stays so: that was gone within two frames, as every correction
+// turned the direction that no image tells away from what the covariance said it was.
+TEST(FeatureFilter, WhatIsSeenTellsNoScale) {
+  constexpr int kSeeds = 30;
+  constexpr double kScaleSigma = 0.15;
+  double nees = 0.0;
+  double sigma = 0.0;  // of the way, as a share of it
+  for (unsigned seed = 0; seed < kSeeds; ++seed) {
+    PointWorld world(seed, walk(seed, 0.8), {}, {});
+    std::mt19937 rng(seed);
+    const double scale = std::exp(kScaleSigma * std::normal_distribution<double>()(rng));
+    for (int k = 0; k <= 90; ++k) world.step(k < 90, true);
+    world.filter().markPast(1);
+    ASSERT_TRUE(world.filter().rescaleFromPast(1, scale, kScaleSigma));
+    for (int k = 0; k < 15; ++k) world.step(false, true);
+    const auto motion = world.filter().motionSince(1);
+    ASSERT_TRUE(motion);
+    const Eigen::Vector3d way = motion->T_p_c.p.normalized();
+    const double variance = way.dot(motion->covariance.topLeftCorner<3, 3>() * way);
+    sigma += std::sqrt(variance) / motion->T_p_c.p.norm() / kSeeds;
+    nees += world.nees() / kSeeds;
+  }
+  std::printf("of the way %.3f, NEES %.2f\n", sigma, nees);
+  EXPECT_GT(sigma, 0.12);
+  EXPECT_LT(sigma, 0.18);
+  EXPECT_LT(nees, 6.0 * 1.3 * 1.3);
+  EXPECT_GT(nees, 6.0 / (1.6 * 1.6));
+}
+
+// Somebody takes it away while it is in view.
+TEST(FeatureFilter, AMarkerWithoutAPlaceThatJumpsIsForgotten) {
+  const Transform there = testing::markerFacing({6.0, 1.8, 0.1}, {0.3, 0.1, 0.1});
+  const Transform elsewhere = testing::markerFacing({6.3, 1.8, -0.1}, {0.3, 0.1, 0.1});
+  PointWorld world(1, walk(1, 0.8), {}, {});
+  int refused = 0;
+  int used_after = 0;
+  for (int k = 0; k <= 9 * 30; ++k) {
+    const bool marker = k < kMarkerUntil_s * 30.0;
+    world.step(marker, true);
+    if (marker) continue;
+    const MarkerOutcome outcome =
+        world.showUnplaced(refused == 0 && k < 7 * 30 ? there : elsewhere);
+    refused += outcome.refused;
+    if (refused > 0) used_after += outcome.used;
+    EXPECT_LT(world.nees(), 22.5) << k;
+  }
+  EXPECT_EQ(refused, 1);
+  EXPECT_GT(used_after, 10);
 }
 
 TEST(FeatureFilter, StandingStillCostsNothing) {

@@ -8,10 +8,6 @@
 namespace waymark::slam {
 namespace {
 
-constexpr int kPositionAt = 0;
-constexpr int kRotationAt = 3;
-constexpr int kVelocityAt = 6;
-constexpr int kOmegaAt = 9;
 constexpr int kRowsAtOnce = 16;  // of the update's tiles
 
 Eigen::Matrix3d normalized(const Eigen::Matrix3d& R) {
@@ -36,6 +32,9 @@ FilterState::FilterState(int max_poses, int max_features)
   kept_.reserve(static_cast<std::size_t>(capacity_));
   factor_.reserve(static_cast<std::size_t>(capacity_));
   slope_.reserve(static_cast<std::size_t>(capacity_));
+  scale_direction_.reserve(static_cast<std::size_t>(capacity_));
+  gauge_.reserve(static_cast<std::size_t>(capacity_));
+  shared_.reserve(static_cast<std::size_t>(capacity_));
 }
 
 void FilterState::start(const Transform& T_w_c, const Matrix6d& covariance,
@@ -145,6 +144,16 @@ int FilterState::addPose(PoseKind kind, std::uint64_t tag, const Transform& T_w_
   return place;
 }
 
+int FilterState::addPoseInView(PoseKind kind, std::uint64_t tag, const Transform& T_c_s,
+                               const Matrix6d& covariance) {
+  const int place = clonePose(kind, tag);  // the same motion of the world moves both
+  if (place < 0) return -1;
+  StatePose& pose = poses_[static_cast<std::size_t>(place)];
+  pose.T_w_s = T_w_c_ * T_c_s;
+  block(pose.offset, pose.offset, kPoseSize, kPoseSize) += covariance;
+  return place;
+}
+
 int FilterState::addFeature(int pose, const Eigen::Vector2d& uv, double rho,
                             const Eigen::Matrix3d& covariance, const double* from_state) {
   compact();
@@ -214,7 +223,7 @@ void FilterState::compact() {
   drops_ = false;
 }
 
-void FilterState::correct(const double* delta) {
+void FilterState::move(const double* delta) {
   // v = Exp(theta) v + J(theta) xi_v, as a position would be.
   const Eigen::Map<const Eigen::Vector3d> theta(delta + kRotationAt);
   const Eigen::Map<const Eigen::Vector3d> xi_v(delta + kVelocityAt);
@@ -254,44 +263,6 @@ void FilterState::moveWorld(const Transform& T) {
     transform(pose.offset, A);
     pose.T_w_s = {normalized(T.R * pose.T_w_s.R), T * pose.T_w_s.p};
   }
-}
-
-void FilterState::scaleAbout(int pose, double scale, double sigma) {
-  const Transform T_w_s = poses_[static_cast<std::size_t>(pose)].T_w_s;
-  moveWorld(T_w_s.inverse());  // a scaled position is its error's scale, too
-  // Of each coordinate, what it is multiplied by, and what it moves by with the scale's logarithm.
-  factor_.assign(static_cast<std::size_t>(size_), 1.0);
-  slope_.assign(static_cast<std::size_t>(size_), 0.0);
-  const auto place = [&](int offset, const Eigen::Vector3d& scaled) {
-    for (int i = 0; i < 3; ++i) {
-      factor_[static_cast<std::size_t>(offset + i)] = scale;
-      slope_[static_cast<std::size_t>(offset + i)] = scaled[i];
-    }
-  };
-  T_w_c_.p *= scale;
-  v_w_ *= scale;
-  place(kPositionAt, T_w_c_.p);
-  place(kVelocityAt, v_w_);
-  for (StatePose& other : poses_) {
-    if (other.offset < 0) continue;
-    other.T_w_s.p *= scale;
-    place(other.offset, other.T_w_s.p);
-  }
-  for (StateFeature& feature : features_) {
-    if (feature.offset < 0) continue;
-    feature.rho /= scale;
-    factor_[static_cast<std::size_t>(feature.offset + 2)] = 1.0 / scale;
-    slope_[static_cast<std::size_t>(feature.offset + 2)] = -feature.rho;
-  }
-  for (int c = 0; c < size_; ++c) {
-    const auto k = static_cast<std::size_t>(c);
-    double* const column = P_.data() + static_cast<std::ptrdiff_t>(c) * stride_;
-    for (int r = 0; r < size_; ++r) {
-      const auto i = static_cast<std::size_t>(r);
-      column[r] = factor_[i] * factor_[k] * column[r] + sigma * sigma * slope_[i] * slope_[k];
-    }
-  }
-  moveWorld(T_w_s);
 }
 
 void FilterState::tieWorldTo(int pose, const Transform& T_w_s, const Matrix6d& covariance) {

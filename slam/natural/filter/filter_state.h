@@ -16,6 +16,13 @@
 // are still in view. Measured: mean NEES of the pose over 50 runs of 3.5 m, 5.3 to 5.6 of 6 all the
 // way (feature_filter_test).
 //
+// Scale is not observable either, where no marker is in view, and its direction does change: a
+// place grows with it and an inverse depth shrinks, so that a correction by 2 % turns it by 4 %
+// against what the covariance says, and by what the camera has moved otherwise than it was expected
+// to. To the next images that difference is parallax: of a scale known to 15 % nothing was left but
+// 2 % within two frames. So the covariance follows the direction (Huang, Mourikis and Roumeliotis
+// 2010 choose Jacobians for the same end): followScale().
+//
 // A feature's bearing is a state, too: the patch in the anchor's image has noise of its own, which
 // all later measurements share. Taken as exact it is averaged away, which it is not: NEES 36.
 #pragma once
@@ -33,6 +40,10 @@
 namespace waymark::slam {
 
 inline constexpr int kMotionSize = 12;  // xi_p, theta, xi_v (world), omega (camera)
+inline constexpr int kPositionAt = 0;   // in these
+inline constexpr int kRotationAt = 3;
+inline constexpr int kVelocityAt = 6;
+inline constexpr int kOmegaAt = 9;
 inline constexpr int kPoseSize = 6;     // xi
 inline constexpr int kFeatureSize = 3;  // u, v, rho
 
@@ -86,6 +97,10 @@ class FilterState {
   int clonePose(PoseKind kind, std::uint64_t tag);
   // A pose of its own, which nothing else knows of. covariance: of its xi.
   int addPose(PoseKind kind, std::uint64_t tag, const Transform& T_w_s, const Matrix6d& covariance);
+  // One that the camera sees at T_c_s: what is not known of the camera is not known of it either,
+  // beside what the covariance adds, of its xi.
+  int addPoseInView(PoseKind kind, std::uint64_t tag, const Transform& T_c_s,
+                    const Matrix6d& covariance);
   // covariance: of (u, v, rho). from_state: where rho is a function of the state, its derivative by
   // all coordinates, size() of them; the covariance is of what comes to that. -1 when there is no
   // place.
@@ -97,13 +112,18 @@ class FilterState {
   // Removals change the covariance only here, all of them at once.
   void compact();
 
-  // Moves everything by a correction of all coordinates (size() of them).
+  // Moves everything by a correction of all coordinates (size() of them). Its part along the
+  // scale's direction makes everything larger or smaller about the camera, which no image shows.
   void correct(const double* delta);
+  // After correct(), as soon as the covariance belongs to the state that was corrected: it follows
+  // the scale's direction, see above. error: one of the state (size() numbers), which follows, too;
+  // or null.
+  void followScale(double* error = nullptr);
   // The world has moved: new = T_new_old * old, exactly.
   void moveWorld(const Transform& T_new_old);
 
-  // Everything is so many times as large as it was, seen from a pose: a scale that nothing had
-  // told. sigma: of its logarithm.
+  // Everything is so many times as large as it was, seen from a pose. sigma: of its logarithm, in
+  // place of what was known of the scale.
   void scaleAbout(int pose, double scale, double sigma);
 
   // What is known of this pose replaces what was known of it and of the world: every pose keeps its
@@ -158,6 +178,17 @@ class FilterState {
     return {P_.data() + static_cast<std::ptrdiff_t>(column) * stride_ + row, rows, columns,
             Eigen::OuterStride<>(stride_)};
   }
+  // What tells the scale's part of an error: gauge_. The variance of that part if each depth were
+  // in error by itself.
+  double findGauge();
+  // What that has in common with all coordinates, shared_; its variance.
+  double findShared();
+  // Both, zeros where no scale is in doubt but single depths; the scale's variance.
+  double findCommonScale();
+  // How all coordinates move as everything gets larger about the camera, by the scale's logarithm.
+  void findScaleDirection();
+  void move(const double* delta);
+  void enlarge(double factor);
   // Appends coordinates that nothing is known to have in common with.
   int append(int count);
   int freePose() const;
@@ -174,7 +205,10 @@ class FilterState {
   std::vector<double> P_;
   std::vector<int> kept_;               // while compacting
   std::vector<double> factor_, slope_;  // while scaling
-  std::vector<char> dropped_;           // coordinates that are to go
+  // Of the last correction: the scale's direction, and what tells its part of an error; what that
+  // has in common with all coordinates.
+  std::vector<double> scale_direction_, gauge_, shared_;
+  std::vector<char> dropped_;  // coordinates that are to go
   bool drops_ = false;
 };
 

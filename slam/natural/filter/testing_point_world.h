@@ -9,6 +9,7 @@
 #include <random>
 #include <vector>
 
+#include "slam/marker_pose/square_pose.h"
 #include "slam/natural/filter/feature_filter.h"
 #include "slam/natural/filter/se3.h"
 #include "slam/testing/synthetic.h"
@@ -93,6 +94,19 @@ class PointWorld {
     if (!features) return;
     observePoints();
     addPoints();
+  }
+
+  // After step(): a marker that no map knows, where it is in view now. What the filter makes of it.
+  MarkerOutcome showUnplaced(const Transform& T_w_m) {
+    constexpr double kSize_m = 0.2;
+    std::mt19937 corner_rng(rng_());
+    const auto seen =
+        observe(camera_, truth_, 8, T_w_m, kSize_m, options_.marker_sigma_px, &corner_rng);
+    if (!seen) return {};
+    const auto pose = estimateSquarePose(*seen, kSize_m, camera_.focalLength());
+    UnplacedMarker marker{&*seen, kSize_m, {}};
+    if (pose && pose->unambiguous(20.0)) marker.T_c_m = pose->T_c_m[0];
+    return filter_.observeUnplaced({&marker, 1});
   }
 
   // Squared Mahalanobis distance of the published pose.

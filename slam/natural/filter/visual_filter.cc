@@ -70,8 +70,10 @@ VisualFilter::VisualFilter(const VisualFilterOptions& options)
   occupied_.reserve(4 * count + 16);
 }
 
-void VisualFilter::reinitialize(const Transform& T_w_c, const Matrix6d& covariance) {
+void VisualFilter::reinitialize(const Transform& T_w_c, const Matrix6d& covariance,
+                                bool assumes_scale) {
   filter_.start(T_w_c, covariance);
+  assumes_scale_ = assumes_scale;
   memory_.clear();
   told_views_ = 0;
   running_ = true;
@@ -96,9 +98,11 @@ FilteredPose VisualFilter::pose() const {
 }
 
 VisualUpdate VisualFilter::update(const ImageView& image, const CameraModel& camera,
-                                  std::span<const KnownMarker> markers) {
+                                  std::span<const KnownMarker> markers,
+                                  std::span<const UnplacedMarker> unplaced) {
   VisualUpdate result;
   result.markers = filter_.observeMarkers(markers);
+  result.unplaced = filter_.observeUnplaced(unplaced);
   if (!markers.empty()) {
     double depth = 0.0;
     for (const KnownMarker& marker : markers) {
@@ -322,7 +326,7 @@ int VisualFilter::addAtLikelyDepth(const NewFeature& feature, const Eigen::Vecto
   const double ratio =
       at_markers ? options_.features.depth_sigma_ratio : options_.features.first_depth_sigma_ratio;
   // A guess is one for all of them.
-  if (first >= 0) {
+  if (first >= 0 && !assumes_scale_) {
     return filter_.addFeatureLike({&first, 1}, anchor, feature.uv, feature.uv_covariance, ratio);
   }
   const double rho = 1.0 / likelyDepth_m();

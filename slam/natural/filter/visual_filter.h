@@ -97,6 +97,7 @@ struct FilteredPose {
 // What became of a frame.
 struct VisualUpdate {
   MarkerOutcome markers;
+  MarkerOutcome unplaced;
   int expected = 0;  // features that should have been in view
   int found = 0;     // of these, whose patch was found
   int believed = 0;  // of these, that went into the pose
@@ -115,7 +116,9 @@ class VisualFilter {
 
   // From here, with nothing else known. covariance: of (dp, dtheta); a wide one where the markers
   // that the pose is from are given to update() as well.
-  void reinitialize(const Transform& T_w_c, const Matrix6d& covariance);
+  // assumes_scale: where no marker tells the scale, it is that of the first depths by definition,
+  // and who asks for poses knows; else it is in doubt as they are.
+  void reinitialize(const Transform& T_w_c, const Matrix6d& covariance, bool assumes_scale = false);
   // Without a pose, as at the start.
   void reset() { running_ = false; }
   [[nodiscard]] bool running() const { return running_; }
@@ -126,9 +129,11 @@ class VisualFilter {
 
   // Precondition of these: running().
   void predict(double dt_s);
-  // image: of the camera's size; empty for none. markers: those in view that the map knows.
+  // image: of the camera's size; empty for none. markers: those in view that the map knows;
+  // unplaced: others.
   VisualUpdate update(const ImageView& image, const CameraModel& camera,
-                      std::span<const KnownMarker> markers);
+                      std::span<const KnownMarker> markers,
+                      std::span<const UnplacedMarker> unplaced = {});
   [[nodiscard]] FilteredPose pose() const;
 
   // Points whose inverse depth is known (the corners of a printed picture): features from the
@@ -257,6 +262,7 @@ class VisualFilter {
   VisualFilterOptions options_;
   FeatureFilter filter_;
   bool running_ = false;
+  bool assumes_scale_ = false;
   std::vector<Feature> features_;  // by their place in the state
   PointMemory memory_;
   int told_views_ = 0;  // that were recalled since the pose was last known as well as all of them
