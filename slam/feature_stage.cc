@@ -1,6 +1,7 @@
 #include "slam/feature_stage.h"
 
 #include <algorithm>
+#include <cstddef>
 
 #include "slam/covariance/marginals.h"
 #include "slam/geometry/turned_covariance.h"
@@ -48,8 +49,10 @@ std::optional<PoseEstimate> FeatureStage::fused() const {
 }
 
 void FeatureStage::findUnplaced(std::span<const MarkerDetection> detections, const Map& map) {
+  const auto most = static_cast<std::size_t>(options_.filter.filter.max_markers);
   unplaced_.clear();
   for (const MarkerDetection& detection : detections) {
+    if (unplaced_.size() == most) return;
     const MapMarker* const known = map.find(detection.id);
     const bool is_unplaced = known == nullptr || known->state == MarkerState::kUnresolved ||
                              known->state == MarkerState::kElsewhere;

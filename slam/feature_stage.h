@@ -71,7 +71,8 @@ class FeatureStage {
 
  private:
   [[nodiscard]] bool concerns(const FrameInput& frame) const;
-  // Those that the map has no place for, and does not distrust.
+  // Those that the map has no place for, and does not distrust; no more than the filter has room
+  // for.
   void findUnplaced(std::span<const MarkerDetection> detections, const Map& map);
   [[nodiscard]] std::optional<PoseEstimate> inWorld(std::optional<PoseEstimate> pose) const;
 
