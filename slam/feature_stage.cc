@@ -5,7 +5,6 @@
 
 #include "slam/covariance/marginals.h"
 #include "slam/geometry/turned_covariance.h"
-#include "slam/marker_pose/square_pose.h"
 
 namespace waymark::slam {
 
@@ -57,11 +56,8 @@ void FeatureStage::findUnplaced(std::span<const MarkerDetection> detections, con
     const bool is_unplaced = known == nullptr || known->state == MarkerState::kUnresolved ||
                              known->state == MarkerState::kElsewhere;
     if (!is_unplaced) continue;
-    const double size_m = markers_.sizeOf(detection.id);
-    const auto pose =
-        estimateSquarePose(detection, size_m, camera_.focalLength(), resolver_.square);
-    UnplacedMarker& marker = unplaced_.emplace_back(UnplacedMarker{&detection, size_m, {}});
-    if (pose && pose->unambiguous(resolver_.final_ratio)) marker.T_c_m = pose->T_c_m[0];
+    unplaced_.push_back(
+        unplacedMarker(detection, markers_.sizeOf(detection.id), camera_.focalLength(), resolver_));
   }
 }
 

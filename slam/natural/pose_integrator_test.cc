@@ -8,7 +8,6 @@
 #include <gtest/gtest.h>
 
 #include "slam/camera_pose/pose_optimizer.h"
-#include "slam/marker_pose/square_pose.h"
 #include "slam/natural/filter/testing_textured_wall.h"
 #include "slam/testing/synthetic.h"
 
@@ -66,9 +65,7 @@ class PoseIntegratorTest : public ::testing::Test {
                           ? testing::observe(camera_, truth_, 8, *unplaced_, kSize_m, 0.1, &rng_)
                           : std::nullopt;
     if (!seen) return integrator_->bridge(time_ns, image);
-    UnplacedMarker marker{&*seen, kSize_m, {}};
-    const auto pose = estimateSquarePose(*seen, kSize_m, camera_.focalLength());
-    if (pose && pose->unambiguous(20.0)) marker.T_c_m = pose->T_c_m[0];
+    const UnplacedMarker marker = unplacedMarker(*seen, kSize_m, camera_.focalLength(), {});
     return integrator_->bridge(time_ns, image, {&marker, 1});
   }
   // With the marker in view.

@@ -13,6 +13,7 @@
 
 #include "slam/camera_pose/known_marker.h"
 #include "slam/geometry/camera_model.h"
+#include "slam/marker_pose/marker_resolver.h"
 #include "slam/natural/filter/consensus.h"
 #include "slam/natural/filter/filter_state.h"
 #include "slam/natural/filter/kalman_update.h"
@@ -84,6 +85,9 @@ struct UnplacedMarker {
   // As its corners have it; empty where they leave two poses open.
   std::optional<Transform> T_c_m;
 };
+// The detection must outlive it. focal_px: for the ambiguity of squares.
+[[nodiscard]] UnplacedMarker unplacedMarker(const MarkerDetection& detection, double size_m,
+                                            double focal_px, const MarkerResolverOptions& options);
 
 struct MarkerOutcome {
   int used = 0;

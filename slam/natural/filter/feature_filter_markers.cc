@@ -17,6 +17,14 @@ constexpr double kUnplacedSigma_rad = 0.5;
 
 }  // namespace
 
+UnplacedMarker unplacedMarker(const MarkerDetection& detection, double size_m, double focal_px,
+                              const MarkerResolverOptions& options) {
+  UnplacedMarker marker{&detection, size_m, {}};
+  const auto pose = estimateSquarePose(detection, size_m, focal_px, options.square);
+  if (pose && pose->unambiguous(options.final_ratio)) marker.T_c_m = pose->T_c_m[0];
+  return marker;
+}
+
 std::optional<int> FeatureFilter::seenMarker(std::uint64_t id) {
   const auto known = std::ranges::find(markers_seen_, id, &MarkerSeen::id);
   if (known == markers_seen_.end()) return std::nullopt;

@@ -9,7 +9,6 @@
 #include <random>
 #include <vector>
 
-#include "slam/marker_pose/square_pose.h"
 #include "slam/natural/filter/feature_filter.h"
 #include "slam/natural/filter/se3.h"
 #include "slam/testing/synthetic.h"
@@ -103,9 +102,7 @@ class PointWorld {
     const auto seen =
         observe(camera_, truth_, 8, T_w_m, kSize_m, options_.marker_sigma_px, &corner_rng);
     if (!seen) return {};
-    const auto pose = estimateSquarePose(*seen, kSize_m, camera_.focalLength());
-    UnplacedMarker marker{&*seen, kSize_m, {}};
-    if (pose && pose->unambiguous(20.0)) marker.T_c_m = pose->T_c_m[0];
+    const UnplacedMarker marker = unplacedMarker(*seen, kSize_m, camera_.focalLength(), {});
     return filter_.observeUnplaced({&marker, 1});
   }
 

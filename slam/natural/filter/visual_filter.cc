@@ -102,7 +102,7 @@ VisualUpdate VisualFilter::update(const ImageView& image, const CameraModel& cam
                                   std::span<const UnplacedMarker> unplaced) {
   VisualUpdate result;
   result.markers = filter_.observeMarkers(markers);
-  result.unplaced = filter_.observeUnplaced(unplaced);
+  (void)filter_.observeUnplaced(unplaced);
   if (!markers.empty()) {
     double depth = 0.0;
     for (const KnownMarker& marker : markers) {

@@ -97,7 +97,6 @@ struct FilteredPose {
 // What became of a frame.
 struct VisualUpdate {
   MarkerOutcome markers;
-  MarkerOutcome unplaced;
   int expected = 0;  // features that should have been in view
   int found = 0;     // of these, whose patch was found
   int believed = 0;  // of these, that went into the pose
