@@ -149,6 +149,7 @@ void LiveState::addToTrail(const pose_t& pose) {
   if (pose.source == pose_t::SOURCE_NONE || !finite) return;
   TrailPoint point{{static_cast<float>(pose.p_w_c[0]), static_cast<float>(pose.p_w_c[1]),
                     static_cast<float>(pose.p_w_c[2])},
+                   pose.sequence,
                    pose.source,
                    trail_.empty() || pose.sequence - trail_sequence_ > 30};
   trail_sequence_ = pose.sequence;
@@ -234,6 +235,18 @@ Json LiveState::link() const {
   return {{"type", "link"}, {"alive", alive_}, {"fault", fault_}, {"malformed", malformed_}};
 }
 
+Json LiveState::way() const {
+  constexpr std::size_t kMost = 32;
+  const auto rounded = [](float m) { return 1e-4 * std::round(1e4 * static_cast<double>(m)); };
+  Json points = Json::array();
+  for (std::size_t i = trail_.size() - std::min(trail_.size(), kMost); i < trail_.size(); ++i) {
+    const TrailPoint& point = trail_[i];
+    points.push_back({point.sequence, rounded(point.p[0]), rounded(point.p[1]), rounded(point.p[2]),
+                      point.source, point.begins ? 1 : 0});
+  }
+  return points;
+}
+
 Json LiveState::pose() const {
   Json json = {{"type", "pose"}};
   if (!pose_) return json;
@@ -249,6 +262,7 @@ Json LiveState::pose() const {
   if (m.source != pose_t::SOURCE_NONE) {
     json["p"] = m.p_w_c;
     json["q"] = m.q_w_c;
+    json["way"] = way();
     json["markers"] = m.markers_used;
     json["rms_px"] = m.reprojection_rms_px;
     json["sigma_m"] = worstSigma(m.covariance, 0);
@@ -382,7 +396,8 @@ std::string LiveState::trailText() const {
   for (const TrailPoint& point : trail_) {
     points.push_back({point.p[0], point.p[1], point.p[2], point.source, point.begins ? 1 : 0});
   }
-  return dump({{"type", "trail"}, {"points", points}});
+  const std::int64_t sequence = trail_.empty() ? -1 : trail_.back().sequence;
+  return dump({{"type", "trail"}, {"sequence", sequence}, {"points", points}});
 }
 
 std::optional<std::string> LiveState::calibrationFile() const {

@@ -84,6 +84,7 @@ class LiveState {
   };
   struct TrailPoint {
     std::array<float, 3> p;
+    std::int64_t sequence;
     std::int8_t source;
     bool begins;  // something is missing before it
   };
@@ -92,6 +93,8 @@ class LiveState {
   void addToTrail(const pose_t& pose);
   void forgetSession();
   [[nodiscard]] io::Json link() const;
+  // The end of the trail, for pages that were not ready for each pose of it.
+  [[nodiscard]] io::Json way() const;
   [[nodiscard]] io::Json pose() const;
   [[nodiscard]] io::Json map() const;
   [[nodiscard]] io::Json health() const;

@@ -83,6 +83,19 @@ TEST(LiveState, PosesWithTheirLatenciesAndGaps) {
   EXPECT_EQ(Json::parse(state.trailText())["points"].size(), 3U);
 }
 
+// A page that is slow, or was not ready, gets what it has missed with the next pose.
+TEST(LiveState, APoseBringsTheEndOfTheTrail) {
+  LiveState state;
+  for (int i = 0; i < 50; ++i) state.add(poseOf(i, 0.123456 * i), kSecond_ns);
+  const Json way = parsed(state, Part::kPose)["way"];
+  ASSERT_EQ(way.size(), 32U);
+  EXPECT_EQ(way[0], (Json{18, 2.2222, 0.0, 0.0, 1, 0}));
+  EXPECT_EQ(way[31][0], 49);
+  EXPECT_EQ(Json::parse(state.trailText())["sequence"], 49);
+  state.add(poseOf(50, 0.123456 * 49), kSecond_ns);
+  EXPECT_EQ(parsed(state, Part::kPose)["way"], way) << "it stands still";
+}
+
 TEST(LiveState, WithoutAPoseTheReasonIsTold) {
   LiveState state;
   pose_t none{};

@@ -37,6 +37,17 @@ void holdMarkers(BundleProblem* problem) {
   for (BundleProblem::Pose& camera : problem->cameras) camera.fixed = false;
 }
 
+void holdLens(const LensProblem& lens, BundleProblem* problem) {
+  problem->lens->expected = lens.in_use.intrinsics();
+  problem->lens->sigma.setZero();
+}
+
+// As seen from the first camera.
+void freeMarkers(BundleProblem* problem) {
+  for (BundleProblem::Pose& marker : problem->markers) marker.fixed = false;
+  problem->cameras.front().fixed = true;
+}
+
 // Root mean square of the corners' distances from where they were seen, a shutter's skew taken off,
 // pixels.
 double rmsPx(const BundleProblem& problem) {
@@ -71,6 +82,30 @@ Task<double> costOf(const BundleProblem& problem, double huber, Budget* budget) 
   double cost = 0.0;
   const bool seen = co_await robustCost(problem, whitened, huber, &cost, budget);
   co_return seen ? cost : std::numeric_limits<double>::infinity();
+}
+
+// With the markers free, through the lens in use and through another one: what the second fits
+// better. Nothing where there is no optimum.
+Task<double> chi2BeyondBend(BundleProblem problem, const LensProblem& lens, BundleOptions options,
+                            Budget* budget) {
+  freeMarkers(&problem);
+  BundleProblem held = problem;
+  holdLens(lens, &held);
+  BundleAdjuster bent(std::move(held), options);
+  const BundleSummary of_bent = co_await bent.run(budget);
+  for (std::size_t i = 0; i < problem.cameras.size(); ++i) {
+    problem.cameras[i].T = bent.problem().cameras[i].T;
+  }
+  for (std::size_t i = 0; i < problem.markers.size(); ++i) {
+    problem.markers[i].T = bent.problem().markers[i].T;
+  }
+  BundleAdjuster both(std::move(problem), options);
+  const BundleSummary of_both = co_await both.run(budget);
+  if (of_bent.failed || of_both.failed) co_return 0.0;
+  const double sigma = of_both.residual_sigma;
+  const double bent_cost = co_await costOf(bent.problem(), options.huber * sigma, budget);
+  const double both_cost = co_await costOf(both.problem(), options.huber * sigma, budget);
+  co_return (bent_cost - both_cost) / (sigma * sigma);
 }
 
 // The same lens in the other model's terms, expected where the other model has what was expected.
@@ -109,11 +144,14 @@ Task<std::optional<LensEstimate>> estimateLens(const Map& map, const MarkerOptio
   double before_px = rmsPx(part.problem);
   if (!lens.readout_known) {
     BundleProblem in_use = part.problem;
-    in_use.lens->expected = lens.in_use.intrinsics();
-    in_use.lens->sigma.setZero();
+    holdLens(lens, &in_use);
     BundleAdjuster held(std::move(in_use), ungated(options));
     const BundleSummary of_held = co_await held.run(budget);
     if (!of_held.failed) before_px = rmsPx(held.problem());
+  }
+  double chi2_beyond_bend = std::numeric_limits<double>::infinity();
+  if (lens.perhaps_bent && !part.problem.cameras.empty()) {
+    chi2_beyond_bend = co_await chi2BeyondBend(part.problem, lens, ungated(options), budget);
   }
   BundleAdjuster roughly(std::move(part.problem), ungated(options));
   const BundleSummary rough = co_await roughly.run(budget);
@@ -145,7 +183,8 @@ Task<std::optional<LensEstimate>> estimateLens(const Map& map, const MarkerOptio
                                         .correction = std::move(correction),
                                         .of_whole_map = whole,
                                         .rms_before_px = before_px,
-                                        .rms_after_px = rmsPx(adjuster.problem())});
+                                        .rms_after_px = rmsPx(adjuster.problem()),
+                                        .chi2_beyond_bend = chi2_beyond_bend});
   co_return estimate;
 }
 

@@ -26,6 +26,9 @@ struct LensEstimate {
   // Of the corners, pixels: with the lens in use, and with this one.
   double rms_before_px = 0.0;
   double rms_after_px = 0.0;
+  // How much better a lens explains the corners where the markers may be elsewhere, too, as in a
+  // map that is bent: chi-square. Infinite where that was not asked for.
+  double chi2_beyond_bend = std::numeric_limits<double>::infinity();
 };
 
 struct LensProblem {
@@ -39,6 +42,8 @@ struct LensProblem {
   bool any_model = false;
   // The markers are where they are: a map that is known.
   bool markers_held = false;
+  // Unless they are not, and that is what looks like another lens: tried beside it.
+  bool perhaps_bent = false;
   // The lens is that of the keyframes since then, nanoseconds (monotonic); no others take part.
   std::int64_t since_ns = std::numeric_limits<std::int64_t>::min();
 };

@@ -91,7 +91,8 @@ void LensWatch::work(double cost, const RollingShutterEstimator& shutter,
                         .readout_known = shutter.isGiven(),
                         .max_keyframes = options_.watch.max_frames,
                         .any_model = false,
-                        .markers_held = true};
+                        .markers_held = true,
+                        .perhaps_bent = map_grows_};
     estimate_.emplace([&](Budget* budget) {
       return estimateLens(seen_, markers_, problem, optimization, budget);
     });
@@ -105,6 +106,9 @@ bool LensWatch::believes(const LensEstimate& estimate) const {
   const double material = map_grows_ ? kSurely * options_.material_rms : options_.material_rms;
   const double change = std::abs(estimate.camera.focalLength() / camera_->focalLength() - 1.0);
   if (map_grows_ && change > options_.watch.max_change) return false;
+  // Markers that are elsewhere take up most of what another lens leaves; but no lens takes up
+  // anything of what a bend leaves once they are.
+  if (estimate.chi2_beyond_bend < options_.min_chi2) return false;
   return lensChange(estimate, *camera_) > options_.min_chi2 &&
          estimate.rms_after_px < material * estimate.rms_before_px &&
          coversImage(estimate.camera) >= coversImage(*camera_);

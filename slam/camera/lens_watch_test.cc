@@ -1,6 +1,7 @@
 #include "slam/camera/lens_watch.h"
 
 #include <cmath>
+#include <numbers>
 #include <random>
 #include <vector>
 
@@ -14,6 +15,7 @@ namespace {
 
 constexpr double kSize = 0.15;
 constexpr double kSigma_px = 0.05;
+constexpr double kDegree = std::numbers::pi / 180.0;
 const BundleOptions kBundle{.max_iterations = 20, .min_relative_decrease = 1e-8};
 
 CameraModel scaled(const CameraModel& camera, double focal, double k1) {
@@ -33,7 +35,7 @@ class LensWatchTest : public ::testing::Test {
                                             {0.4 * way, 3.0, 0.1 * std::sin(0.04 * frames_)});
     auto seen = testing::observeAll(lens, T_w_c, markers_, kSize, kSigma_px, &rng_);
     for (MarkerDetection& detection : seen) ASSERT_TRUE(undistortCorners(camera_, &detection));
-    const auto known = testing::knownFrom(seen, markers_, kSize);
+    const auto known = testing::knownFrom(seen, map_, kSize);
     const auto solution = PoseOptimizer(camera_.focalLength()).optimize(known, T_w_c);
     ASSERT_TRUE(solution);
     time_.monotonic_ns += kFrame_ns;
@@ -57,6 +59,7 @@ class LensWatchTest : public ::testing::Test {
   std::mt19937 rng_{4};
   CameraModel truth_{testing::testCalibration()};
   std::vector<testing::SyntheticMarker> markers_ = testing::markerWall(3, 6, 0.4, &rng_);
+  std::vector<testing::SyntheticMarker> map_ = markers_;  // where they are thought to be
   MarkerOptions options_{.size_m = kSize};
   RollingShutterEstimator shutter_{{.readout_s = 0.0}, options_};
   CameraModel camera_ = truth_;
@@ -110,6 +113,32 @@ TEST_F(LensWatchTest, AZoomIsNoChangeOfFocusWhileTheMapGrows) {
   EXPECT_EQ(camera_.calibration(), truth_.calibration());
   LensWatch in_known_map({}, options_, /*map_grows=*/false, &camera_, &knowledge_);
   EXPECT_GT(framesUntilLearned(zoomed, 200, &in_known_map), 0) << "which cannot bend";
+}
+
+// Where the ends of a loop meet, half of the markers are off. The lens that explains that best has
+// another distortion, or another focal length.
+TEST_F(LensWatchTest, ABendInAMapThatGrowsIsNotTheLens) {
+  const auto turn = [](const Eigen::Vector3d& axis, double degrees) {
+    return Transform{Eigen::AngleAxisd(degrees * kDegree, axis).toRotationMatrix(), {0, 0, 0}};
+  };
+  const auto shift = [](double x_m) {
+    return Transform{Eigen::Matrix3d::Identity(), {x_m, 0.0, 0.0}};
+  };
+  const auto y = Eigen::Vector3d::UnitY();
+  const auto z = Eigen::Vector3d::UnitZ();
+  for (const Transform& bend :
+       {turn(y, 0.5), turn(y, 2.0), turn(y, -2.0), turn(z, 0.25), shift(0.015), shift(0.06)}) {
+    for (const int split : {0, 2}) {
+      map_ = markers_;
+      LensWatch watch({}, options_, /*map_grows=*/true, &camera_, &knowledge_);
+      EXPECT_EQ(framesUntilLearned(truth_, 150, &watch), -1);
+      for (testing::SyntheticMarker& marker : map_) {
+        if (marker.T_w_m.p[split] > 0.0) marker.T_w_m = bend * marker.T_w_m;
+      }
+      EXPECT_EQ(framesUntilLearned(truth_, 150, &watch), -1);
+      ASSERT_EQ(camera_.calibration(), truth_.calibration()) << bend.p.x() << " m, " << split;
+    }
+  }
 }
 
 // A map that grows together with a lens that is still being learned changes with it.

@@ -4,11 +4,10 @@
 (() => {
   const token = new URLSearchParams(location.hash.slice(1)).get("token") || "";
   const state = {link: {}, pose: {}, detections: {markers: []}, calibration: {}};
-  const sourceNumber = {"none": 0, "markers": 1, "natural features": 2, "prediction": 3};
   let socket = null;
   let connected = false;
   let pause_ms = 500;
-  let lastSequence = null;
+  let trailSequence = -1;    // of its end
   let newestMap = null;      // that is not drawn yet
   let drawnMap = null;
   let piece = 0;             // of the map, in which the camera is
@@ -16,29 +15,37 @@
   let received = false;      // since more was asked for
   let wanted = false;  // something is to be shown with the next frame of the screen
 
+  function clearTrail() {
+    WaymarkScene.clearTrail();
+    trailSequence = -1;
+  }
+
   const takers = {
     hello: (m) => { document.getElementById("buttons").hidden = !m.control; },
     trail: (m) => {
-      WaymarkScene.clearTrail();
+      clearTrail();
       for (const [x, y, z, source, begins] of m.points) WaymarkScene.addToTrail([x, y, z], source, begins === 1);
+      trailSequence = m.sequence;
     },
     link: (m) => { state.link = m; },
     pose: (m) => {
       if (WaymarkOffline.isResult()) return;
       // Another daemon, or the same one started anew.
-      if (m.sequence < lastSequence) WaymarkScene.clearTrail();
-      if (m.p && m.p.every(Number.isFinite)) {
-        WaymarkScene.addToTrail(m.p, sourceNumber[m.source], lastSequence === null || m.sequence - lastSequence > 30);
-        lastSequence = m.sequence;
-      }
+      if (m.sequence < trailSequence) clearTrail();
       state.pose = m;
       if (m.p && m.piece !== piece) {
         piece = m.piece;
-        WaymarkScene.clearTrail();
+        clearTrail();
         if (drawnMap && newestMap === null) {
           newestMap = drawnMap;
           drawMap();
         }
+      }
+      // Whoever is not ready for each pose still sees where the camera went.
+      for (const [sequence, x, y, z, source, begins] of m.way || []) {
+        if (sequence <= trailSequence) continue;
+        WaymarkScene.addToTrail([x, y, z], source, begins === 1);
+        trailSequence = sequence;
       }
     },
     map: (m) => {
@@ -111,7 +118,6 @@
     };
     socket.onclose = () => {
       connected = false;
-      lastSequence = null;
       show();
       setTimeout(connect, pause_ms);
       pause_ms = Math.min(2 * pause_ms, 5000);
