@@ -179,6 +179,8 @@ TEST(Options, OfTheMapsGrowth) {
          "the share of local optimization must be from 0 to 1");
   expect([](Options* o) { o->mapper.second_look_views = 1; },
          "a second look at a marker needs at least 2 views");
+  expect([](Options* o) { o->mapper.most_views = 2; },
+         "a marker must be decided from at least 3 views");
   expect([](Options* o) { o->loops.min_joining_share = -0.1; },
          "the share of a loop's markers must be from 0 to 1");
   expect([](Options* o) { o->loops.frames_between_attempts = -1; },

@@ -9,7 +9,7 @@
 
 #include <Eigen/Core>
 
-#include "base/sorted.h"
+#include "base/distinct_indices.h"
 #include "slam/geometry/turned_covariance.h"
 #include "slam/map/world_reference.h"
 #include "slam/optimization/block_system.h"
@@ -19,14 +19,14 @@ namespace {
 
 // What steps cost, in microseconds of a core of 3 GHz.
 constexpr double kFindMarker = 0.1;
-constexpr double kNotePair = 0.01;
-constexpr double kSortPair = 0.006;
+constexpr double kNotePair = 0.006;
+constexpr double kSortPair = 0.003;
 constexpr double kSetMarker = 0.4;
 constexpr double kLookAtKept = 0.03;  // a marker of it
 constexpr double kLinearizeView = 0.6;
-constexpr double kBlockProduct = 0.06;
+constexpr double kBlockProduct = 0.08;
 constexpr double kAddBlock = 0.025;
-constexpr double kTakeBlock = 0.15;
+constexpr double kTakeBlock = 0.5;
 constexpr double kTakeStep = 0.02;
 constexpr double kLinearizeByCamera = 0.1;  // a view, by one parameter
 
@@ -253,9 +253,10 @@ Task<MapMarginals> recoverMarginals(const Map& map, const MarkerOptions& markers
   kept->forgetBetween(next, std::numeric_limits<KeyframeId>::max());
   std::vector<std::vector<int>> pairs;  // by pose: those before it
   pairs.reserve(neighbours.size());
+  DistinctIndices distinct(neighbours.size());
   for (auto& of_one : neighbours) {
     co_await budget->spend(kFindMarker + kSortPair * static_cast<double>(of_one.size()));
-    sortUnique(&of_one);
+    distinct.sort(&of_one);
     pairs.push_back(of_one);
   }
 

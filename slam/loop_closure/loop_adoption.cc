@@ -97,7 +97,10 @@ void move(const Motions& motions, Map* map) {
   for (const auto& [id, T_new_old] : motions.of_keyframes) {
     map->setKeyframePose(id, T_new_old * map->keyframes().at(id).T_w_c);
   }
-  for (const auto& [id, T_new_old] : motions.of_corrected) moveMarker(id, T_new_old, map);
+  for (const auto& [id, T_new_old] : motions.of_corrected) {
+    // The others are given their poses by the correction itself.
+    if (map->find(id)->other_T_w_m) moveMarker(id, T_new_old, map);
+  }
   for (const auto& [id, T_new_old] : motions.of_others) moveMarker(id, T_new_old, map);
 }
 

@@ -16,9 +16,9 @@ namespace waymark::slam {
 namespace {
 
 // What steps cost, in microseconds of a core of 3 GHz.
-constexpr double kViewPair = 0.02;
-constexpr double kConnection = 0.05;
-constexpr double kCorrectView = 1.0;
+constexpr double kViewPair = 0.003;
+constexpr double kConnection = 0.012;
+constexpr double kCorrectView = 0.07;
 constexpr double kNoteView = 0.01;
 constexpr double kCopyView = 0.01;
 constexpr double kMovePose = 0.05;

@@ -56,10 +56,10 @@ struct LoopOptions {
   // A closure gets as much of a frame as it needs to be done after so many, before what is not
   // corrected meanwhile has gone far astray: units for each view of a marker, all iterations
   // together. More than Options::work_per_frame only in large maps ...
-  double cost_per_view = 25.0;
+  double cost_per_view = 16.0;
   double frames_to_close = 60.0;
   // ... and never more than this: in the largest a closure takes longer.
-  double max_cost_per_frame = 1000.0;
+  double max_cost_per_frame = 750.0;
   // In a map of more keyframes than this so many around the frame are optimized together, where
   // markers of the neighbourhood have come to disagree, or the ends of a loop differ by little.
   // More take out strain of a larger part, and longer to do it.

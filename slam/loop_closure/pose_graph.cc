@@ -23,8 +23,8 @@ Eigen::Matrix3d inverseRightJacobian(const Eigen::Vector3d& r) {
 }
 
 // What steps cost, in microseconds of a core of 3 GHz.
-constexpr double kEdgeError = 0.15;
-constexpr double kEdge = 0.8;
+constexpr double kEdgeError = 0.07;
+constexpr double kEdge = 0.5;
 
 Task<double> graphCost(const PoseGraph& graph, const std::vector<Transform>& poses, double scale,
                        Budget* budget) {

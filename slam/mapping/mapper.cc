@@ -30,6 +30,16 @@ int takeFirst(std::vector<int>* ids) {
   return id;
 }
 
+// At most so many of them: the first, the last, and evenly between.
+std::vector<KeyframeId> spread(std::span<const KeyframeId> ids, int most) {
+  const auto count = std::min(ids.size(), static_cast<std::size_t>(most));
+  std::vector<KeyframeId> some(count);
+  for (std::size_t i = 0; i < count; ++i) {
+    some[i] = ids[count < 2 ? 0 : i * (ids.size() - 1) / (count - 1)];
+  }
+  return some;
+}
+
 bool fixesWorld(const MarkerOptions& markers, int marker_id) {
   return markers.origin_marker == marker_id ||
          std::ranges::find(markers.anchors, marker_id, &Anchor::id) != markers.anchors.end();
@@ -48,6 +58,7 @@ std::string MapperOptions::invalidReason() const {
       firstUnmet({
           {isShare(work_share), "the share of local optimization must be from 0 to 1"},
           {second_look_views >= 2, "a second look at a marker needs at least 2 views"},
+          {most_views >= 3, "a marker must be decided from at least 3 views"},
           {young_views >= 0, "the views of a young marker must not be negative"},
           {isPositive(marker_cost), "the cost of a keyframe's markers must be positive"},
       }),
@@ -209,10 +220,13 @@ void Mapper::resolveAll(Map* map) {
       continue;
     }
     // Views from before it moved, or of cameras that are in the wrong place, go one by one.
-    MarkerResolution found = resolution(id, options_.marker_pose.min_views, *map);
+    const auto fromAllViews = [&] {
+      return resolution(id, map->viewsOf(id), options_.marker_pose.min_views, *map);
+    };
+    MarkerResolution found = fromAllViews();
     while (found.verdict == ResolverVerdict::kContradictory) {
       map->removeViews(id, map->viewsOf(id).subspan(found.worst_view, 1));
-      found = resolution(id, options_.marker_pose.min_views, *map);
+      found = fromAllViews();
     }
     if (found.verdict == ResolverVerdict::kResolved) pose(id, found.T_w_m, found.other_T_w_m, map);
   }
@@ -224,10 +238,12 @@ double Mapper::resolve(int marker_id, Map* map, Counters* counters) const {
   if (marker.T_w_m && !marker.other_T_w_m) return 0.0;  // decided
   if (marker.state == MarkerState::kElsewhere) return 0.0;
   const bool second_look = marker.T_w_m.has_value();
-  const auto views = static_cast<double>(map->viewsOf(marker_id).size());
-  const double cost = kResolve + views * (kResolveView + kResolveViewPair * views);
-  const MarkerResolution found = resolution(
-      marker.id, second_look ? options_.second_look_views : options_.marker_pose.min_views, *map);
+  const std::vector<KeyframeId> views = spread(map->viewsOf(marker_id), options_.most_views);
+  const auto looks = static_cast<double>(views.size());
+  const double cost = kResolve + looks * (kResolveView + kResolveViewPair * looks);
+  const MarkerResolution found =
+      resolution(marker.id, views,
+                 second_look ? options_.second_look_views : options_.marker_pose.min_views, *map);
   switch (found.verdict) {
     case ResolverVerdict::kTooFewViews:
     case ResolverVerdict::kUndecided:
@@ -252,9 +268,10 @@ double Mapper::resolve(int marker_id, Map* map, Counters* counters) const {
   return cost;
 }
 
-MarkerResolution Mapper::resolution(int marker_id, int min_views, const Map& map) const {
+MarkerResolution Mapper::resolution(int marker_id, std::span<const KeyframeId> seen_from,
+                                    int min_views, const Map& map) const {
   std::vector<MarkerView> views;
-  for (const KeyframeId id : map.viewsOf(marker_id)) {
+  for (const KeyframeId id : seen_from) {
     const Keyframe& keyframe = map.keyframes().at(id);
     views.push_back({keyframe.find(marker_id), keyframe.T_w_c});
   }
@@ -267,9 +284,8 @@ MarkerResolution Mapper::resolution(int marker_id, int min_views, const Map& map
   // The cameras may be off, rather than the marker.
   std::vector<MarkerDetection> doubted;
   doubted.reserve(views.size());
-  const auto keyframes = map.viewsOf(marker_id);
   for (std::size_t i = 0; i < views.size(); ++i) {
-    const Keyframe& keyframe = map.keyframes().at(keyframes[i]);
+    const Keyframe& keyframe = map.keyframes().at(seen_from[i]);
     doubted.push_back(withCameraDoubt(keyframe, marker_id, size_m, map, residual_sigma_));
     views[i].detection = &doubted.back();
   }

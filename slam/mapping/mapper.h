@@ -37,6 +37,9 @@ struct MapperOptions {
   // one; marker_pose.min_views is for markers without a pose. Larger lives longer with a pose that
   // one view has chosen, smaller than two cannot tell the two apart.
   int second_look_views = 2;
+  // From at most so many of its views a marker is decided between its poses, spread evenly over
+  // all. Each is compared with each: more decides no better and makes the frame long.
+  int most_views = 12;
   // With each of its first so many views a marker's pose is optimized by itself, the keyframes
   // held. More costs time with every keyframe, fewer leaves it where its first view has put it
   // until an optimization comes to it, and the next views do not fit.
@@ -102,7 +105,9 @@ class Mapper {
   void seeToMarkers(Map* map, Counters* counters);
   double resolve(int marker_id, Map* map, Counters* counters) const;
   double refineYoung(int marker_id, Map* map) const;
-  [[nodiscard]] MarkerResolution resolution(int marker_id, int min_views, const Map& map) const;
+  // As seen from these keyframes.
+  [[nodiscard]] MarkerResolution resolution(int marker_id, std::span<const KeyframeId> seen_from,
+                                            int min_views, const Map& map) const;
   void fixWorld(Map* map);
 
   MarkerOptions markers_;

@@ -7,7 +7,7 @@
 
 #include <Eigen/Cholesky>
 
-#include "base/sorted.h"
+#include "base/distinct_indices.h"
 #include "slam/geometry/small_cholesky.h"
 #include "slam/optimization/block_kernels.h"
 
@@ -17,18 +17,21 @@ namespace {
 // What steps cost, in microseconds of a core of 3 GHz.
 constexpr double kLookAtPose = 0.0007;
 constexpr double kMergeEntry = 0.003;
-constexpr double kSortEntry =
-    0.006;  // a note of a shared block, among hundreds that name few poses
+constexpr double kNoteEntry = 0.011;  // of a shared block: hundreds that name few poses
+constexpr double kSortEntry = 0.003;  // likewise
+constexpr double kInvertProduct = 0.045;
+constexpr double kSortRow = 0.04;
 constexpr double kClearBlock = 0.02;
-constexpr double kFreshBlock = 0.5;  // its memory is touched for the first time
+constexpr double kFreshBlock = 0.25;  // its memory is touched for the first time
 constexpr double kSubstituteBlock = 0.02;
 constexpr double kColumn = 0.1;
-constexpr double kBlockProduct = 0.025;
+constexpr double kBlockProduct = 0.03;
 
 // Of poses that share blocks, as they are eliminated one by one.
 class EliminationGraph {
  public:
-  explicit EliminationGraph(std::size_t poses) : neighbours_(poses), degrees_(poses, 0) {}
+  explicit EliminationGraph(std::size_t poses)
+      : neighbours_(poses), degrees_(poses, 0), distinct_(poses) {}
 
   // Each pair need be named once.
   void add(int pose, std::span<const int> neighbours) {
@@ -41,7 +44,7 @@ class EliminationGraph {
   [[nodiscard]] std::size_t noted(int pose) const { return neighbours_[at(pose)].size(); }
   // Once all of its neighbours have been added.
   void complete(int pose) {
-    sortUnique(&neighbours_[at(pose)]);
+    distinct_.sort(&neighbours_[at(pose)]);
     std::erase(neighbours_[at(pose)], pose);
     degrees_[at(pose)] = static_cast<int>(neighbours_[at(pose)].size());
   }
@@ -72,6 +75,7 @@ class EliminationGraph {
   std::vector<std::vector<int>> neighbours_;  // sorted
   std::vector<int> degrees_;  // how many those are; of one that is gone, more than any
   std::vector<int> merged_;
+  DistinctIndices distinct_;
 };
 
 }  // namespace
@@ -82,7 +86,7 @@ Task<Done> BlockSystem::arrange(std::vector<std::vector<int>> neighbours, bool w
   const std::size_t poses = neighbours.size();
   EliminationGraph graph(poses);
   for (int i = 0; i < static_cast<int>(poses); ++i) {
-    co_await budget->spend(kMergeEntry * static_cast<double>(neighbours[at(i)].size()));
+    co_await budget->spend(kColumn + kNoteEntry * static_cast<double>(neighbours[at(i)].size()));
     graph.add(i, neighbours[at(i)]);
     neighbours[at(i)] = {};
   }
@@ -102,7 +106,7 @@ Task<Done> BlockSystem::arrange(std::vector<std::vector<int>> neighbours, bool w
   first_.clear();
   rows_.clear();
   for (std::size_t column = 0; column < poses; ++column) {
-    co_await budget->spend(kColumn);
+    co_await budget->spend(kColumn + kSortRow * static_cast<double>(columns[column].size()));
     first_.push_back(rows_.size());
     rows_.push_back(static_cast<int>(column));
     for (const int pose : columns[column]) rows_.push_back(positionOf(pose));
@@ -142,9 +146,9 @@ std::optional<std::size_t> BlockSystem::findPlace(int row, int column) const {
 }
 
 Task<Done> BlockSystem::clear(Budget* budget) {
-  for (Matrix6d& block : blocks_) {
-    co_await budget->spend(kClearBlock);
-    block.setZero();
+  for (int column = 0; column < poses(); ++column) {
+    co_await budget->spend(kClearBlock * static_cast<double>(1 + below(column).size()));
+    for (std::size_t i = first_[at(column)]; i < first_[at(column) + 1]; ++i) blocks_[i].setZero();
   }
   std::ranges::fill(right_, Vector6d::Zero());
   std::ranges::fill(global_blocks_, PoseGlobalMatrix::Zero());
@@ -155,9 +159,14 @@ Task<Done> BlockSystem::clear(Budget* budget) {
 
 Task<bool> BlockSystem::solve(Budget* budget) {
   for (int column = 0; column < poses(); ++column) {
-    const auto n = static_cast<double>(below(column).size());
-    co_await budget->spend(kColumn + kBlockProduct * 0.5 * n * (n + 3.0));
+    // The last columns of a large map have hundreds of rows.
+    const std::size_t rows = below(column).size();
+    co_await budget->spend(kColumn + kBlockProduct * static_cast<double>(rows));
     if (!factorizeColumn(column)) co_return false;
+    for (std::size_t j = 0; j < rows; ++j) {
+      co_await budget->spend(kBlockProduct * static_cast<double>(rows - j));
+      subtractFromLater(column, j);
+    }
   }
   if (!solveGlobals()) co_return false;
   co_return co_await substituteBackward(budget);
@@ -193,16 +202,20 @@ bool BlockSystem::factorizeColumn(int column) {
     globals_.noalias() -= B.transpose() * B;
     global_right_.noalias() -= B.transpose() * right(column);
   }
-  for (std::size_t j = 0; j < rows.size(); ++j) {
-    if (with_globals_) globalBlock(rows[j]).noalias() -= blocks[j] * globalBlock(column);
-    // The later column has all these rows, and others between them.
-    std::size_t target = first_[at(rows[j])];
-    for (std::size_t i = j; i < rows.size(); ++i) {
-      while (rows_[target] != rows[i]) ++target;
-      subtractProduct(blocks[i], blocks[j], &blocks_[target]);
-    }
-  }
   return true;
+}
+
+// From the column of its j-th row below the diagonal.
+void BlockSystem::subtractFromLater(int column, std::size_t j) {
+  const std::span<const int> rows = below(column);
+  const Matrix6d* const blocks = blocks_.data() + first_[at(column)] + 1;
+  if (with_globals_) globalBlock(rows[j]).noalias() -= blocks[j] * globalBlock(column);
+  // The later column has all these rows, and others between them.
+  std::size_t target = first_[at(rows[j])];
+  for (std::size_t i = j; i < rows.size(); ++i) {
+    while (rows_[target] != rows[i]) ++target;
+    subtractProduct(blocks[i], blocks[j], &blocks_[target]);
+  }
 }
 
 bool BlockSystem::solveGlobals() {
@@ -233,43 +246,51 @@ void BlockSystem::substituteBackward(int column) {
   solveLowerTransposed(diagonal(column), &x);
 }
 
+// With a column L of the factor and the inverse Z of all later ones: Z_ij = -sum_k Z_ik Y_k below
+// the diagonal, Y_k = L_kj L_jj^-1; on it L_jj^-T L_jj^-1 - sum_k Y_k^T Z_kj.
 Task<Done> BlockSystem::invert(Budget* budget) {
-  std::vector<Matrix6d> scratch;
+  std::vector<Matrix6d> Y;
   for (int column = poses() - 1; column >= 0; --column) {
-    const auto n = static_cast<double>(below(column).size());
-    co_await budget->spend(kColumn + kBlockProduct * n * (n + 2.0));
-    invertColumn(column, &scratch);
+    const std::size_t rows = below(column).size();
+    co_await budget->spend(kColumn + 2.0 * kInvertProduct * static_cast<double>(rows));
+    Matrix6d L_inverse = Matrix6d::Identity();
+    solveLower(diagonal(column), &L_inverse);
+    takeOut(column, L_inverse, &Y);
+    for (std::size_t k = 0; k < rows; ++k) {
+      co_await budget->spend(2.0 * kInvertProduct * static_cast<double>(rows - k));
+      subtractLater(column, k, Y);
+    }
+    Matrix6d& on_diagonal = diagonal(column);
+    on_diagonal.noalias() = L_inverse.transpose() * L_inverse;
+    for (std::size_t i = 0; i < rows; ++i) {
+      on_diagonal.noalias() -= Y[i].transpose() * blocks_[first_[at(column)] + 1 + i];
+    }
   }
   co_return Done{};
 }
 
-// With the factor's column L and the inverse Z of all later ones: Z_ij = -sum_k Z_ik Y_k below the
-// diagonal, Y_k = L_kj L_jj^-1; on it L_jj^-T L_jj^-1 - sum_k Y_k^T Z_kj.
-void BlockSystem::invertColumn(int column, std::vector<Matrix6d>* scratch) {
-  Matrix6d L_inverse = Matrix6d::Identity();
-  solveLower(diagonal(column), &L_inverse);
-  const std::span<const int> rows = below(column);
+// The Y_k of a column, and zeros in their place.
+void BlockSystem::takeOut(int column, const Matrix6d& L_inverse, std::vector<Matrix6d>* Y) {
+  const std::size_t rows = below(column).size();
   Matrix6d* const blocks = blocks_.data() + first_[at(column)] + 1;
-  std::vector<Matrix6d>& Y = *scratch;
-  Y.resize(rows.size());
-  for (std::size_t i = 0; i < rows.size(); ++i) {
-    Y[i].noalias() = blocks[i] * L_inverse;
+  Y->resize(rows);
+  for (std::size_t i = 0; i < rows; ++i) {
+    (*Y)[i].noalias() = blocks[i] * L_inverse;
     blocks[i].setZero();
   }
-  for (std::size_t k = 0; k < rows.size(); ++k) {
-    // The later column has all these rows, and others between them.
-    std::size_t place = first_[at(rows[k])];
-    blocks[k].noalias() -= blocks_[place] * Y[k];
-    for (std::size_t i = k + 1; i < rows.size(); ++i) {
-      while (rows_[place] != rows[i]) ++place;
-      blocks[i].noalias() -= blocks_[place] * Y[k];
-      blocks[k].noalias() -= blocks_[place].transpose() * Y[i];
-    }
-  }
-  Matrix6d& on_diagonal = diagonal(column);
-  on_diagonal.noalias() = L_inverse.transpose() * L_inverse;
-  for (std::size_t i = 0; i < rows.size(); ++i) {
-    on_diagonal.noalias() -= Y[i].transpose() * blocks[i];
+}
+
+// What the inverse has in the later column of the k-th row, and in its row: it is symmetric.
+void BlockSystem::subtractLater(int column, std::size_t k, const std::vector<Matrix6d>& Y) {
+  const std::span<const int> rows = below(column);
+  Matrix6d* const blocks = blocks_.data() + first_[at(column)] + 1;
+  // The later column has all these rows, and others between them.
+  std::size_t place = first_[at(rows[k])];
+  blocks[k].noalias() -= blocks_[place] * Y[k];
+  for (std::size_t i = k + 1; i < rows.size(); ++i) {
+    while (rows_[place] != rows[i]) ++place;
+    blocks[i].noalias() -= blocks_[place] * Y[k];
+    blocks[k].noalias() -= blocks_[place].transpose() * Y[i];
   }
 }
 

@@ -50,12 +50,15 @@ class BlockSystem {
   static std::size_t at(int index) { return static_cast<std::size_t>(index); }
   // The blocks below the diagonal in a column, as positions of rows.
   [[nodiscard]] std::span<const int> below(int column) const;
+  // But for what it subtracts from later ones.
   [[nodiscard]] bool factorizeColumn(int column);
+  void subtractFromLater(int column, std::size_t j);
   [[nodiscard]] bool solveGlobals();
   Task<bool> substituteBackward(Budget* budget);
   void substituteForward(int column);
   void substituteBackward(int column);
-  void invertColumn(int column, std::vector<Matrix6d>* scratch);
+  void takeOut(int column, const Matrix6d& L_inverse, std::vector<Matrix6d>* Y);
+  void subtractLater(int column, std::size_t k, const std::vector<Matrix6d>& Y);
 
   bool with_globals_ = false;
   std::vector<int> position_;       // by pose

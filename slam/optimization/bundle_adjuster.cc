@@ -17,7 +17,7 @@ constexpr double kHopeless = 1e10;  // damping beyond which no step will help
 constexpr double kNoticeable = 1.0;
 
 // What steps cost, in microseconds of a core of 3 GHz.
-constexpr double kMovePose = 0.15;
+constexpr double kMovePose = 0.08;
 constexpr double kCopyPose = 0.03;
 constexpr double kWeighView = 0.01;
 

@@ -1,5 +1,7 @@
 #include "slam/optimization/map_fit.h"
 
+#include <algorithm>
+#include <cstddef>
 #include <limits>
 
 #include "slam/geometry/robust.h"
@@ -26,10 +28,13 @@ Task<MapFit> fitOf(const BundleProblem& problem, Budget* budget) {
 }
 
 Task<double> costOf(std::span<const double> squared, double huber, Budget* budget) {
+  constexpr std::size_t kAtOnce = 256;
   double sum = 0.0;
-  for (const double error : squared) {
-    co_await budget->spend(kHuberCost);
-    sum += huberCost(error, huber);
+  for (std::span<const double> left = squared; !left.empty();) {
+    const std::span<const double> some = left.first(std::min(kAtOnce, left.size()));
+    co_await budget->spend(kHuberCost * static_cast<double>(some.size()));
+    for (const double error : some) sum += huberCost(error, huber);
+    left = left.subspan(some.size());
   }
   co_return sum;
 }

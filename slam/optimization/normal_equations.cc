@@ -17,11 +17,11 @@ namespace {
 std::size_t at(int index) { return static_cast<std::size_t>(index); }
 
 // What steps cost, in microseconds of a core of 3 GHz.
-constexpr double kWhiten = 0.1;     // an observation
-constexpr double kResiduals = 0.1;  // of an observation
+constexpr double kWhiten = 0.05;     // an observation
+constexpr double kResiduals = 0.06;  // of an observation
 constexpr double kLinearize = 0.35;
 constexpr double kDifferentiateByGlobals = 0.5;
-constexpr double kResetPose = 0.05;
+constexpr double kResetPose = 0.035;
 
 // An observation's residuals (two by corner), and their derivatives by its marker's pose and by the
 // globals; those by the camera's follow from the marker's.

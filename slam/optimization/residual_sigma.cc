@@ -10,8 +10,8 @@
 namespace waymark::slam {
 namespace {
 
-constexpr double kLookAtNorm = 0.01;   // microseconds of a core of 3 GHz
-constexpr std::size_t kAtOnce = 1000;  // norms: some microseconds' worth
+constexpr double kLookAtNorm = 0.0055;  // microseconds of a core of 3 GHz
+constexpr std::size_t kAtOnce = 1000;   // norms: some microseconds' worth
 
 double middleOfThree(double a, double b, double c) {
   return std::max(std::min(a, b), std::min(std::max(a, b), c));

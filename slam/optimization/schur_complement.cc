@@ -13,9 +13,9 @@ namespace {
 constexpr double kPose = 0.15;
 constexpr double kView = 0.08;
 constexpr double kViewPair = 0.03;
-constexpr double kNoteView = 0.03;
+constexpr double kNoteView = 0.015;
 constexpr double kNotePair = 0.01;
-constexpr double kFindPlace = 0.05;
+constexpr double kFindPlace = 0.016;
 constexpr double kMultiplyView = 0.03;
 constexpr double kMoveVector = 0.01;
 

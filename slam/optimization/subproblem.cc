@@ -16,7 +16,7 @@ namespace waymark::slam {
 namespace {
 
 // What steps cost, in microseconds of a core of 3 GHz.
-constexpr double kTakeView = 0.2;
+constexpr double kTakeView = 0.04;
 constexpr double kTakePose = 0.4;
 constexpr double kTakeCovariance = 1.0;
 constexpr double kFindKeyframe = 1.5;

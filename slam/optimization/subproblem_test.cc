@@ -215,12 +215,12 @@ TEST(Subproblem, IsOfTheFirstSlice) {
   const MarkerOptions markers{.size_m = kSize};  // outlives the task
   SlicedTask<Subproblem> task(
       [&](Budget* b) { return buildSubproblem(map, wholeMap(map), markers, b); });
-  ASSERT_FALSE(task.advance(0.1));
+  ASSERT_FALSE(task.advance(0.02));
   map.setKeyframePose(1, kElsewhere);
   map.place(2, kElsewhere);
   map.removeKeyframe(2);
   int slices = 1;
-  while (!task.advance(0.1)) ++slices;
+  while (!task.advance(0.02)) ++slices;
   EXPECT_GT(slices, 5);
   const Subproblem part = task.take();
   EXPECT_TRUE(same(part.problem.cameras[1].T, somewhere(-2.0)));
