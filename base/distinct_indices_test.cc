@@ -1,8 +1,8 @@
 #include "base/distinct_indices.h"
 
-#include <gtest/gtest.h>
-
 #include <vector>
+
+#include <gtest/gtest.h>
 
 namespace waymark {
 namespace {

@@ -86,9 +86,12 @@ Result<NamedBoard> boardOf(const BoardArguments& arguments) {
 // Until the recording ends, the time is over, or somebody says stop.
 class Ending {
  public:
-  Ending(const CalibrateArguments& arguments, bool live) {
-    if (live) stop_.emplace();
-    if (arguments.duration_s) end_ns_ = monotonicNs() + std::llround(1e9 * *arguments.duration_s);
+  // Before the source is opened: its threads must not take the signal.
+  explicit Ending(const CalibrateArguments& arguments) {
+    if (capture::isCamera(arguments.source) || arguments.realtime) stop_.emplace();
+  }
+  void begin(std::optional<double> duration_s) {
+    if (duration_s) end_ns_ = monotonicNs() + std::llround(1e9 * *duration_s);
   }
   [[nodiscard]] bool now() const {
     return (stop_ && stop_->pending()) || (end_ns_ && monotonicNs() >= *end_ns_);
@@ -139,13 +142,14 @@ class Session {
 
 Result<std::vector<calibration::View>> collect(const CalibrateArguments& arguments,
                                                const calibration::Board& board,
-                                               capture::FrameSource& source, CalibrationRun* run) {
+                                               capture::FrameSource& source, Ending ending,
+                                               CalibrationRun* run) {
   const capture::StreamInfo& info = source.info();
   Session session(board, info);
   const std::string url =
       arguments.url.empty() && info.live ? daemon::Configuration::Publish{}.url : arguments.url;
   if (!url.empty()) session.tell(url, arguments.channel_prefix);
-  const Ending ending(arguments, info.live || arguments.realtime);
+  ending.begin(arguments.duration_s);
   ProgressBar bar(info.frame_count >= 0 ? std::optional(info.frame_count) : std::nullopt,
                   /*wanted=*/!arguments.quiet);
   while (!ending.now()) {
@@ -170,6 +174,7 @@ Status calibrate(const CalibrateArguments& arguments) {
   }
   const Result<NamedBoard> named = boardOf(arguments.board);
   if (!named) return named.error();
+  Ending ending(arguments);
   const auto source =
       capture::openSource(arguments.source, {.fps = arguments.fps, .realtime = arguments.realtime});
   if (!source) return source.error();
@@ -177,7 +182,7 @@ Status calibrate(const CalibrateArguments& arguments) {
   if (!output) return output.error();
   CalibrationRun run{.source = (*source)->info().description, .board = named->description};
   if (!arguments.quiet) std::fprintf(stderr, "%s; %s\n", run.source.c_str(), run.board.c_str());
-  auto views = collect(arguments, named->board, **source, &run);
+  auto views = collect(arguments, named->board, **source, std::move(ending), &run);
   if (!views) return views.error();
   const auto report =
       calibration::calibrateCamera(named->board, std::move(views).value(), arguments.lens);

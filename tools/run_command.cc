@@ -150,12 +150,13 @@ void tellOfLens(const RunArguments& arguments, const slam::Slam& slam) {
 Result<ExitCode> run(const RunArguments& arguments) {
   // The SLAM is one thread; OpenCV's pool would blur its timing and gain nothing.
   cv::setNumThreads(1);
+  // A signal ends the frames, and what there is by then is written all the same. Before anything is
+  // opened: decoders start threads, which must not take it either.
+  const daemon::StopSignal stop;
   Result<RunSetup> prepared = prepareRun(arguments);
   if (!prepared) return prepared.error();
   RunSetup& setup = prepared.value();
   announce(arguments, setup);
-  // From here on a signal ends the frames, and what there is by then is written all the same.
-  const daemon::StopSignal stop;
   slam::Slam slam(setup.camera, setup.dictionary, setup.options,
                   setup.old_map ? setup.old_map->file.map : slam::Map(),
                   setup.old_map ? setup.old_map->file.other_pieces : std::vector<slam::Map>());

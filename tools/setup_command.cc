@@ -188,10 +188,12 @@ Status chooseSize(const Questions& questions, SetupArguments* a) {
 }
 
 // The source as it is now. Whoever is asked something later may leave by Ctrl-C.
-Result<Looked> look(capture::FrameSource& source) {
+Result<Looked> look(const SetupArguments& arguments) {
   constexpr int kFrames = 90;
-  const daemon::StopSignal stop;
-  Result<Looked> looked = lookAt(source, kFrames, stop);
+  const daemon::StopSignal stop;  // before the source has threads, which must not take the signal
+  const Result<std::unique_ptr<capture::FrameSource>> source = openCamera(arguments);
+  if (!source) return Error{withPermissionHint(source.error().message)};
+  Result<Looked> looked = lookAt(**source, kFrames, stop);
   if (looked && stop.pending()) return Error{"setup: interrupted"};
   daemon::StopSignal::release();
   return looked;
@@ -230,9 +232,7 @@ Status setUp(SetupArguments* a) {
   }
   // Paths in a configuration count from its own directory.
   if (fs::exists(a->camera, error)) a->camera = fs::absolute(a->camera).string();
-  Result<std::unique_ptr<capture::FrameSource>> source = openCamera(*a);
-  if (!source) return Error{withPermissionHint(source.error().message)};
-  const Result<Looked> looked = look(**source);
+  const Result<Looked> looked = look(*a);
   if (!looked) return looked.error();
   tellOfSource(*looked);
   if (const Status chosen = chooseDictionary(*looked, questions, a); !chosen) return chosen;

@@ -23,7 +23,7 @@ struct MapCovarianceOptions {
   bool enabled = true;
   // What a frame may spend on the marginals, in the units of Options::work_per_frame. More follows
   // a growing map sooner; new markers hang rigidly on known ones until then.
-  double cost_per_frame = 30.0;
+  double cost_per_frame = 60.0;
   // A recovery is followed by so many times the frames that it took without one. Less often costs
   // less, and poses use older marginals; more at once and seldom makes these as fresh on the
   // average as half as much in every frame would, for half of the work.
