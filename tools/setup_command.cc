@@ -235,8 +235,8 @@ Status setUp(SetupArguments* a) {
   const Result<Looked> looked = look(*a);
   if (!looked) return looked.error();
   tellOfSource(*looked);
-  if (const Status chosen = chooseDictionary(*looked, questions, a); !chosen) return chosen;
-  if (const Status chosen = chooseSize(questions, a); !chosen) return chosen;
+  if (Status chosen = chooseDictionary(*looked, questions, a); !chosen) return chosen;
+  if (Status chosen = chooseSize(questions, a); !chosen) return chosen;
   tellOfComputer();
   std::string size;
   if (capture::isCamera(a->camera)) {
@@ -246,7 +246,7 @@ Status setUp(SetupArguments* a) {
   const std::string text = configurationText(*a, size);
   // What is written is what the daemon takes.
   if (const auto read = daemon::parseConfiguration(text, a->out); !read) return read.error();
-  if (const Status written = io::writeTextFile(a->out, text); !written) return written;
+  if (Status written = io::writeTextFile(a->out, text); !written) return written;
   sayWhatComesNext(*a);
   return success();
 }

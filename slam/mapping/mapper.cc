@@ -278,8 +278,7 @@ MarkerResolution Mapper::resolution(int marker_id, std::span<const KeyframeId> s
   MarkerResolverOptions options = options_.marker_pose;
   options.min_views = min_views;
   const double size_m = map.find(marker_id)->size_m;
-  const MarkerResolution found =
-      resolveMarkerPose(views, size_m, focal_px_, residual_sigma_, options);
+  MarkerResolution found = resolveMarkerPose(views, size_m, focal_px_, residual_sigma_, options);
   if (found.verdict != ResolverVerdict::kContradictory) return found;
   // The cameras may be off, rather than the marker.
   std::vector<MarkerDetection> doubted;
