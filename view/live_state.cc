@@ -18,6 +18,7 @@ using io::Json;
 // A daemon says something every second.
 constexpr std::int64_t kGone_ns = 3'000'000'000;
 constexpr std::int64_t kHistogram_ns = 30'000'000'000;
+constexpr std::size_t kWay = 32;          // points of the trail that come with each pose
 constexpr std::size_t kTrail = 20'000;    // points; then every second one goes
 constexpr std::size_t kSeenFrames = 256;  // a preview comes within a second
 constexpr std::int32_t kMostPieces = 200;
@@ -235,11 +236,10 @@ Json LiveState::link() const {
   return {{"type", "link"}, {"alive", alive_}, {"fault", fault_}, {"malformed", malformed_}};
 }
 
-Json LiveState::way() const {
-  constexpr std::size_t kMost = 32;
+Json LiveState::endOfTrail(std::size_t most) const {
   const auto rounded = [](float m) { return 1e-4 * std::round(1e4 * static_cast<double>(m)); };
   Json points = Json::array();
-  for (std::size_t i = trail_.size() - std::min(trail_.size(), kMost); i < trail_.size(); ++i) {
+  for (std::size_t i = trail_.size() - std::min(trail_.size(), most); i < trail_.size(); ++i) {
     const TrailPoint& point = trail_[i];
     points.push_back({point.sequence, rounded(point.p[0]), rounded(point.p[1]), rounded(point.p[2]),
                       point.source, point.begins ? 1 : 0});
@@ -262,7 +262,7 @@ Json LiveState::pose() const {
   if (m.source != pose_t::SOURCE_NONE) {
     json["p"] = m.p_w_c;
     json["q"] = m.q_w_c;
-    json["way"] = way();
+    json["way"] = endOfTrail(kWay);
     json["markers"] = m.markers_used;
     json["rms_px"] = m.reprojection_rms_px;
     json["sigma_m"] = worstSigma(m.covariance, 0);
@@ -392,12 +392,7 @@ Json LiveState::part(Part which) const {
 std::string LiveState::text(Part which) const { return dump(part(which)); }
 
 std::string LiveState::trailText() const {
-  Json points = Json::array();
-  for (const TrailPoint& point : trail_) {
-    points.push_back({point.p[0], point.p[1], point.p[2], point.source, point.begins ? 1 : 0});
-  }
-  const std::int64_t sequence = trail_.empty() ? -1 : trail_.back().sequence;
-  return dump({{"type", "trail"}, {"sequence", sequence}, {"points", points}});
+  return dump({{"type", "trail"}, {"points", endOfTrail(trail_.size())}});
 }
 
 std::optional<std::string> LiveState::calibrationFile() const {

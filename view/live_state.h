@@ -93,8 +93,9 @@ class LiveState {
   void addToTrail(const pose_t& pose);
   void forgetSession();
   [[nodiscard]] io::Json link() const;
-  // The end of the trail, for pages that were not ready for each pose of it.
-  [[nodiscard]] io::Json way() const;
+  // Points as [sequence, x, y, z, source, begins]; with each pose, for pages that were not ready
+  // for those before.
+  [[nodiscard]] io::Json endOfTrail(std::size_t most) const;
   [[nodiscard]] io::Json pose() const;
   [[nodiscard]] io::Json map() const;
   [[nodiscard]] io::Json health() const;

@@ -93,13 +93,9 @@ Task<double> chi2BeyondBend(BundleProblem problem, const LensProblem& lens, Bund
   holdLens(lens, &held);
   BundleAdjuster bent(std::move(held), options);
   const BundleSummary of_bent = co_await bent.run(budget);
-  for (std::size_t i = 0; i < problem.cameras.size(); ++i) {
-    problem.cameras[i].T = bent.problem().cameras[i].T;
-  }
-  for (std::size_t i = 0; i < problem.markers.size(); ++i) {
-    problem.markers[i].T = bent.problem().markers[i].T;
-  }
-  BundleAdjuster both(std::move(problem), options);
+  BundleProblem freed = bent.problem();
+  freed.lens = problem.lens;
+  BundleAdjuster both(std::move(freed), options);
   const BundleSummary of_both = co_await both.run(budget);
   if (of_bent.failed || of_both.failed) co_return 0.0;
   const double sigma = of_both.residual_sigma;

@@ -20,12 +20,20 @@
     trailSequence = -1;
   }
 
+  // What is beyond its end.
+  function addToTrail(points) {
+    for (const [sequence, x, y, z, source, begins] of points) {
+      if (sequence <= trailSequence) continue;
+      WaymarkScene.addToTrail([x, y, z], source, begins === 1);
+      trailSequence = sequence;
+    }
+  }
+
   const takers = {
     hello: (m) => { document.getElementById("buttons").hidden = !m.control; },
     trail: (m) => {
       clearTrail();
-      for (const [x, y, z, source, begins] of m.points) WaymarkScene.addToTrail([x, y, z], source, begins === 1);
-      trailSequence = m.sequence;
+      addToTrail(m.points);
     },
     link: (m) => { state.link = m; },
     pose: (m) => {
@@ -42,11 +50,7 @@
         }
       }
       // Whoever is not ready for each pose still sees where the camera went.
-      for (const [sequence, x, y, z, source, begins] of m.way || []) {
-        if (sequence <= trailSequence) continue;
-        WaymarkScene.addToTrail([x, y, z], source, begins === 1);
-        trailSequence = sequence;
-      }
+      addToTrail(m.way || []);
     },
     map: (m) => {
       // While it grows it changes ten times a second, and drawing it anew takes a while.
