@@ -47,8 +47,7 @@ std::string PoseIntegratorOptions::invalidReason() const {
                      {isPositive(start_sigma_m), "start_sigma_m must be positive"},
                      {isPositive(start_sigma_rad), "start_sigma_rad must be positive"},
                      {isPositive(adrift_scale_sigma), "adrift_scale_sigma must be positive"},
-                     {isPositive(max_start_error), "max_start_error must be positive"},
-                     {isPositive(max_rescale_sigma), "max_rescale_sigma must be positive"}});
+                     {isPositive(max_start_error), "max_start_error must be positive"}});
 }
 
 std::string NaturalOptions::invalidReason() const {
@@ -83,8 +82,9 @@ bool PoseIntegrator::follow(std::int64_t time_ns, const ImageView& image, const 
   fused_.reset();
   arrival_.reset();
   if (!filter_) return true;
-  if (adrift_ || anew_) giveUp();  // the markers know better
+  if (adrift_) giveUp();  // the markers know better
   late_refusals_ = contradicted_ = 0;
+  contradiction_.setZero();
   advance(time_ns);
   if (running() && contradicts(pose)) {
     if (++contradictions_ < options_.integrator.witnesses) return !features_knew;
@@ -106,7 +106,22 @@ bool PoseIntegrator::follow(std::int64_t time_ns, const ImageView& image, const 
   last_seen_ns_ = time_ns;
   bridging_ = false;
   ambiguity_ratio_ = pose.ambiguity_ratio;
+  giveUpIfAtOdds(update);
   return true;
+}
+
+void PoseIntegrator::giveUpIfAtOdds(const VisualUpdate& update) {
+  const bool refuses_markers = update.markers.used == 0 && update.markers.refused > 0;
+  // Patches are found, but hardly one is where the markers have it: that is not the image.
+  const double share = options_.filter.features.blind_share;
+  const bool refuses_features =
+      update.blind && update.markers.used > 0 && update.found > share * update.expected;
+  const bool at_odds = refuses_markers || refuses_features;
+  at_odds_ = at_odds ? at_odds_ + 1 : 0;
+  if (at_odds_ < options_.integrator.witnesses) return;
+  at_odds_ = 0;
+  filter_->reset();  // the next frame's markers start it anew
+  ++counters_->filter_restarts;
 }
 
 std::optional<PoseEstimate> PoseIntegrator::fusedPose(const PoseEstimate& of_markers,
@@ -145,12 +160,13 @@ std::optional<PoseEstimate> PoseIntegrator::bridge(std::int64_t time_ns, const I
   advance(time_ns);
   if (!running()) return std::nullopt;
   const auto update = look(time_ns, image, unplaced);
-  if (update && anew_) beginAtKnownPoints(image);
-  if (!update || !running()) return std::nullopt;
+  if (!update) return std::nullopt;
+  if (!known_points_w_.empty()) addKnownPoints(image);
   const auto placed = adrift_ ? placedByFirstFix() : filter_->pose();
   if (!placed) return std::nullopt;
   const bool seen = last_seen_ns_ == time_ns;
-  const FilteredPose& pose = *placed;
+  FilteredPose pose = *placed;
+  pose.covariance += contradiction_;
   const double blind_s = secondsBetween(last_seen_ns_, time_ns);
   if (blind_s > options_.integrator.max_prediction_s || isTooUncertain(pose)) return std::nullopt;
   bridging_ = seen;
@@ -175,6 +191,7 @@ void PoseIntegrator::await(std::uint64_t frame, std::int64_t time_ns, const Imag
     (void)filter_->update(image, camera_, {});
     last_seen_ns_ = time_ns;
     adrift_ = true;
+    guessed_scale_.reset();
   }
   // Who looks has answered; what contradicts the filter is still to be compared.
   if (!adrift_ && late_refusals_ == 0) filter_->filter().forgetPast();
@@ -199,6 +216,7 @@ LateOutcome PoseIntegrator::weigh(const LatePose& pose) {
   const bool other = pose.other && agrees(*pose.other);
   if (!first && !other) return LateOutcome::kRefused;
   late_refusals_ = contradicted_ = 0;
+  contradiction_.setZero();
   if (first && (pose.decided || !other)) return use(pose.fix);
   return other && !first && !pose.decided ? use(*pose.other) : LateOutcome::kOpen;
 }
@@ -237,23 +255,26 @@ bool PoseIntegrator::isOutvoted(const Fix& fix) {
 LateOutcome PoseIntegrator::late(const LatePose& pose, std::span<const Eigen::Vector3d> points_w) {
   if (!running() || points_w.empty()) return LateOutcome::kUnknown;
   const Fix& fix = pose.fix;
-  if (!filter_->filter().pastPose(fix.frame)) return LateOutcome::kUnknown;
+  const auto then = filter_->filter().pastPose(fix.frame);
+  if (!then) return LateOutcome::kUnknown;
   if (!adrift_) {
     const LateOutcome outcome = weigh(pose);
+    if (outcome == LateOutcome::kRefused && pose.decided) {
+      const Vector6d apart = then->localCoordinates(fix.T_w_c);
+      contradiction_ = apart * apart.transpose();
+    }
     if (outcome != LateOutcome::kRefused || !pose.decided || !isOutvoted(fix)) return outcome;
     adrift_ = true;
+    guessed_scale_ = 1.0;  // it had one
   }
   if (!pose.decided) return LateOutcome::kOpen;
   const Eigen::Map<const Eigen::Matrix3Xd> points(points_w.front().data(), 3,
                                                   static_cast<Eigen::Index>(points_w.size()));
   const double distance_m = (points.rowwise().mean() - fix.T_w_c.p).norm();
+  // What is in view is about as far away as the picture.
+  if (!guessed_scale_) guessed_scale_ = distance_m / options_.filter.features.first_depth_m;
   const auto now = carriedFrom(fix);
-  // Where one more view may soon tell the scale, the features there are are not given up for new
-  // ones, unless the camera hardly moves.
-  constexpr double kPatience = 0.25;
-  const bool anew = now && now->scale.sigma >= options_.integrator.max_rescale_sigma;
-  const double patience = anew && first_fix_ ? kPatience : 1.0;
-  if (!now || now->doubt_m > patience * options_.integrator.max_start_error * distance_m) {
+  if (!now || now->doubt_m > options_.integrator.max_start_error * distance_m) {
     note(fix);
     return LateOutcome::kNoted;
   }
@@ -276,17 +297,35 @@ void PoseIntegrator::note(const Fix& fix) {
 void PoseIntegrator::begin(const Fix& fix, const Scale& scale,
                            std::span<const Eigen::Vector3d> points_w) {
   FeatureFilter& filter = filter_->filter();
-  if (scale.sigma < options_.integrator.max_rescale_sigma) {
-    filter_->forgetPoints();
-    (void)filter.rescaleFromPast(fix.frame, scale.metres, scale.sigma);
-    (void)filter.restartFromPast(fix.frame, fix.T_w_c, fix.covariance);
-    first_fix_.reset();
-  } else {
-    anew_ = fix;
-    known_points_w_.assign(points_w.begin(), points_w.end());
-  }
+  filter_->forgetPoints();
+  (void)filter.rescaleFromPast(fix.frame, scale.metres, scale.sigma);
+  (void)filter.restartFromPast(fix.frame, fix.T_w_c, fix.covariance);
+  known_points_w_.assign(points_w.begin(), points_w.end());
+  first_fix_.reset();
+  contradiction_.setZero();
   adrift_ = false;
   ambiguity_ratio_ = kUnambiguous;
+}
+
+void PoseIntegrator::addKnownPoints(const ImageView& image) {
+  const FilteredPose pose = filter_->pose();
+  const Transform T_c_w = pose.T_w_c.inverse();
+  std::vector<VisualFilter::KnownPoint> points;
+  for (const Eigen::Vector3d& p_w : known_points_w_) {
+    const Eigen::Vector3d p_c = T_c_w * p_w;
+    if (p_c.z() <= 0.0) continue;
+    const auto pixel = camera_.project(p_c);
+    if (!pixel) continue;
+    // Along the optical axis the point is as uncertain as the camera there.
+    const Matrix6d T = rigidTransport(p_w - pose.T_w_c.p);
+    const Eigen::Vector3d axis_w = pose.T_w_c.R.col(2);
+    const Matrix6d at_point = T * pose.covariance * T.transpose();
+    const double depth_variance = axis_w.dot(at_point.topLeftCorner<3, 3>() * axis_w);
+    const double rho = 1.0 / p_c.z();
+    points.push_back({*pixel, rho, rho * rho * std::sqrt(std::max(0.0, depth_variance))});
+  }
+  known_points_w_.clear();
+  (void)filter_->addKnownPoints(image, camera_, points);
 }
 
 std::optional<FilteredPose> PoseIntegrator::placedByFirstFix() const {
@@ -295,7 +334,7 @@ std::optional<FilteredPose> PoseIntegrator::placedByFirstFix() const {
 }
 
 PoseIntegrator::Scale PoseIntegrator::scaleOf(const Fix& fix) const {
-  Scale scale{1.0, options_.integrator.adrift_scale_sigma};
+  Scale scale{guessed_scale_.value_or(1.0), options_.integrator.adrift_scale_sigma};
   if (!first_fix_) return scale;
   const FeatureFilter& filter = filter_->filter();
   const auto first = filter.pastPose(first_fix_->frame);
@@ -331,35 +370,11 @@ std::optional<PoseIntegrator::Carried> PoseIntegrator::carriedFrom(const Fix& fi
   return carried;
 }
 
-void PoseIntegrator::beginAtKnownPoints(const ImageView& image) {
-  const auto carried = carriedFrom(*anew_);
-  anew_.reset();
-  first_fix_.reset();
-  if (!carried) return giveUp();
-  const FilteredPose& pose = carried->pose;
-  filter_->reinitialize(pose.T_w_c, pose.covariance);
-  const Transform T_c_w = pose.T_w_c.inverse();
-  std::vector<VisualFilter::KnownPoint> points;
-  for (const Eigen::Vector3d& p_w : known_points_w_) {
-    const Eigen::Vector3d p_c = T_c_w * p_w;
-    if (p_c.z() <= 0.0) continue;
-    const auto pixel = camera_.project(p_c);
-    if (!pixel) continue;
-    // Along the optical axis the point is as uncertain as the camera there.
-    const Matrix6d T = rigidTransport(p_w - pose.T_w_c.p);
-    const Eigen::Vector3d axis_w = pose.T_w_c.R.col(2);
-    const Matrix6d at_point = T * pose.covariance * T.transpose();
-    const double depth_variance = axis_w.dot(at_point.topLeftCorner<3, 3>() * axis_w);
-    const double rho = 1.0 / p_c.z();
-    points.push_back({*pixel, rho, rho * rho * std::sqrt(std::max(0.0, depth_variance))});
-  }
-  (void)filter_->addKnownPoints(image, camera_, points);
-}
-
 void PoseIntegrator::moveWorld(const Transform& T_new_old) {
   if (running() && !adrift_) filter_->moveWorld(T_new_old);
   for (Eigen::Vector3d& p_w : known_points_w_) p_w = T_new_old * p_w;
-  for (std::optional<Fix>* fix : {&first_fix_, &anew_, &first_refused_}) {
+  contradiction_ = turnedCovariance(T_new_old.R, contradiction_);
+  for (std::optional<Fix>* fix : {&first_fix_, &first_refused_}) {
     if (!*fix) continue;
     (*fix)->T_w_c = T_new_old * (*fix)->T_w_c;
     (*fix)->covariance = turnedCovariance(T_new_old.R, (*fix)->covariance);
@@ -380,8 +395,9 @@ void PoseIntegrator::advance(std::int64_t time_ns) {
 void PoseIntegrator::giveUp() {
   filter_->reset();
   adrift_ = false;
-  anew_.reset();
   first_fix_.reset();
+  known_points_w_.clear();
+  contradiction_.setZero();
 }
 
 void PoseIntegrator::start(std::int64_t time_ns, const PoseEstimate& pose, bool assumes_scale) {

@@ -47,23 +47,21 @@ struct PoseIntegratorOptions {
   // A pose from markers that is further from the filter's than this contradicts it, as chi-square
   // of 6 dimensions: once in 1,000 frames by chance.
   double max_innovation_chi2 = 22.5;
-  // So many frames in succession whose markers contradict the filter are believed, and it starts
-  // anew with them. One may be a marker that was moved, or misread.
+  // So many frames in succession whose markers contradict the filter, or its features, are
+  // believed, and it starts anew with them. One may be a marker that was moved, or misread.
   int witnesses = 3;
   // How well a pose is known that the filter starts from before it has seen its markers itself:
   // standard deviations, metres and radians.
   double start_sigma_m = 0.02;
   double start_sigma_rad = 0.02;
-  // A filter without a place in the world knows no scale either: by how much it may be wrong, as a
-  // share, until two pictures' views tell.
+  // A filter without a place in the world knows no scale either: what is in view is taken to be as
+  // far away as the first picture. By how much that may be wrong, as a share, until two pictures'
+  // views tell, or the pictures after it.
   double adrift_scale_sigma = 0.7;
   // It begins at a picture as soon as the camera's way since the picture's view is known to this
-  // share of the distance to it. More begins sooner where the camera moves, and at points that are
-  // further from where they are taken to be.
+  // share of the distance to it. More begins sooner where the camera moves, and with a scale that
+  // is known less.
   double max_start_error = 0.03;
-  // Its features go on with the scale that two views tell if that is known better than this, as a
-  // share; else they are given up for new ones on the picture, whose distance is known.
-  double max_rescale_sigma = 0.25;
 
   // Empty when usable, else what is wrong.
   [[nodiscard]] std::string invalidReason() const;
@@ -186,15 +184,19 @@ class PoseIntegrator {
   // While adrift: as one view of a picture and a guessed scale say, which is what it is uncertain
   // by.
   [[nodiscard]] std::optional<FilteredPose> placedByFirstFix() const;
-  // The filter goes on from a fix, with the features there are or with new ones on points_w.
+  // The filter goes on from a fix, with the features there are; then also with points_w.
   void begin(const Fix& fix, const Scale& scale, std::span<const Eigen::Vector3d> points_w);
+  // Features whose places are known, as far as the camera's is: they tell the scale.
+  void addKnownPoints(const ImageView& image);
   // Until another fix tells the scale: the place is this one's.
   void note(const Fix& fix);
-  // The filter anew, with features whose places are known.
-  void beginAtKnownPoints(const ImageView& image);
   // After a frame with that pose from markers.
   [[nodiscard]] std::optional<PoseEstimate> fusedPose(const PoseEstimate& of_markers,
                                                       const VisualUpdate& update) const;
+  // After a frame with markers: a filter that refuses all of them, frame after frame, or whose
+  // features are not where they should be from there, has gone astray, even where what it says of
+  // itself does not exclude it.
+  void giveUpIfAtOdds(const VisualUpdate& update);
   // To the frame's time; gives up after a pause.
   void advance(std::int64_t time_ns);
   void start(std::int64_t time_ns, const PoseEstimate& pose, bool assumes_scale = false);
@@ -209,18 +211,22 @@ class PoseIntegrator {
   std::optional<VisualFilter> filter_;
   std::optional<PoseEstimate> fused_;
   std::optional<FilteredPose> arrival_;
-  std::int64_t time_ns_ = 0;          // of the filter
-  std::int64_t few_markers_ns_ = 0;   // the last frame with at most max_markers
-  std::int64_t last_seen_ns_ = 0;     // the last frame that markers or features saw
-  bool bridging_ = false;             // the last frame's pose was from features
-  int contradictions_ = 0;            // frames in succession
-  bool adrift_ = false;               // the filter has no place in the world yet
-  std::optional<Fix> first_fix_;      // while adrift
-  std::optional<Fix> anew_;           // that it is to begin from in the next frame
-  int late_refusals_ = 0;             // in succession, without a marker in between, that agree
-  int contradicted_ = 0;              // all of them
-  std::optional<Fix> first_refused_;  // of these
-  std::vector<Eigen::Vector3d> known_points_w_;
+  std::int64_t time_ns_ = 0;             // of the filter
+  std::int64_t few_markers_ns_ = 0;      // the last frame with at most max_markers
+  std::int64_t last_seen_ns_ = 0;        // the last frame that markers or features saw
+  bool bridging_ = false;                // the last frame's pose was from features
+  int contradictions_ = 0;               // frames in succession
+  int at_odds_ = 0;                      // the same, of giveUpIfAtOdds()
+  bool adrift_ = false;                  // the filter has no place in the world yet
+  std::optional<Fix> first_fix_;         // while adrift
+  std::optional<double> guessed_scale_;  // while adrift: metres for one of the filter's own
+  int late_refusals_ = 0;                // in succession, without a marker in between, that agree
+  int contradicted_ = 0;                 // all of them
+  std::optional<Fix> first_refused_;     // of these
+  std::vector<Eigen::Vector3d> known_points_w_;  // that new features are to begin at
+  // While a picture contradicts the filter, and nothing has decided between them: how far they are
+  // apart, squared. It is part of the pose's covariance.
+  Matrix6d contradiction_ = Matrix6d::Zero();
   double ambiguity_ratio_ = 0.0;  // of the last pose from markers
 };
 

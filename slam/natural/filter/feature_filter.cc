@@ -283,7 +283,7 @@ bool FeatureFilter::fits(const CameraModel& camera, const FeatureMatch& match) c
 }
 
 void FeatureFilter::observeFeatures(const CameraModel& camera,
-                                    std::span<const FeatureMatch> matches,
+                                    std::span<const FeatureMatch> matches, int least,
                                     std::vector<char>* accepted) {
   state_.compact();
   accepted->assign(matches.size(), char{0});
@@ -291,17 +291,17 @@ void FeatureFilter::observeFeatures(const CameraModel& camera,
   for (const FeatureMatch& match : matches) {
     if (!match.on_trial) measure(match);
   }
-  believeMost(camera, matches, accepted);
+  if (!believeMost(camera, matches, least, accepted)) return;
   believeRest(camera, matches, accepted);
   for (std::size_t i = 0; i < matches.size(); ++i) {
     if (matches[i].on_trial) (*accepted)[i] = fits(camera, matches[i]) ? 1 : 0;
   }
 }
 
-void FeatureFilter::believeMost(const CameraModel& camera, std::span<const FeatureMatch> matches,
-                                std::vector<char>* accepted) {
+bool FeatureFilter::believeMost(const CameraModel& camera, std::span<const FeatureMatch> matches,
+                                int least, std::vector<char>* accepted) {
   linearizeAll(&camera);
-  if (rows_.empty()) return;
+  if (rows_.empty()) return least == 0;
   assemble();
   adaptNoise(matches);
   const int count = static_cast<int>(rows_.size());
@@ -324,11 +324,13 @@ void FeatureFilter::believeMost(const CameraModel& camera, std::span<const Featu
     rows_[kept] = rows_[k];
     ++kept;
   }
+  if (static_cast<int>(kept) < least) return false;
   measurements_.resize(kept);
   rows_.resize(kept);
-  if (kept == 0) return;
+  if (kept == 0) return true;
   update_.keep(kept_.data(), static_cast<int>(kept_.size()));
   if (correct(&camera, kEachIsGated)) noteAccepted(matches, accepted);
+  return true;
 }
 
 // They were expected elsewhere only because the camera was, or too far off for a linear forecast.

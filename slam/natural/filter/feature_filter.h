@@ -121,8 +121,9 @@ class FeatureFilter {
   // Where a feature is expected; empty where the camera cannot see it.
   [[nodiscard]] std::optional<ExpectedFeature> expect(const CameraModel& camera, int feature) const;
   // Matches of one frame, each feature at most once: those that belong together are believed, and
-  // those on trial compared with what follows. accepted: one for each.
-  void observeFeatures(const CameraModel& camera, std::span<const FeatureMatch> matches,
+  // those on trial compared with what follows. Where fewer than `least` belong together, none is.
+  // accepted: one for each.
+  void observeFeatures(const CameraModel& camera, std::span<const FeatureMatch> matches, int least,
                        std::vector<char>* accepted);
 
   // The camera of this frame in the world, found elsewhere. covariance: as start().
@@ -227,8 +228,8 @@ class FeatureFilter {
                       const MarkerDetection& detection, MarkerOutcome* outcome);
   void adaptNoise(std::span<const FeatureMatch> matches);
   void measure(const FeatureMatch& match);
-  // The consensus of measurements_.
-  void believeMost(const CameraModel& camera, std::span<const FeatureMatch> matches,
+  // The consensus of measurements_; whether there is one of that size.
+  bool believeMost(const CameraModel& camera, std::span<const FeatureMatch> matches, int least,
                    std::vector<char>* accepted);
   // Those not accepted yet that fit by themselves now.
   void believeRest(const CameraModel& camera, std::span<const FeatureMatch> matches,

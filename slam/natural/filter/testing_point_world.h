@@ -171,7 +171,7 @@ class PointWorld {
     if (believed < 12) {
       for (FeatureMatch& match : matches_) match.on_trial = false;
     }
-    filter_.observeFeatures(camera_, matches_, &accepted_);
+    filter_.observeFeatures(camera_, matches_, 0, &accepted_);
     last_matches_ = static_cast<int>(matches_.size());
     last_accepted_ = static_cast<int>(std::count(accepted_.begin(), accepted_.end(), 1));
     for (std::size_t i = 0; i < matches_.size(); ++i) {

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <functional>
 #include <limits>
 #include <utility>
 
@@ -33,11 +34,15 @@ std::string FeatureManagementOptions::invalidReason() const {
       {least_lot >= 1, "least_lot must be at least 1"},
       {trial_frames >= 0, "trial_frames must not be negative"},
       {believed_without_trial >= 0, "believed_without_trial must not be negative"},
+      {wary_after_refusals >= 1, "wary_after_refusals must be at least 1"},
+      {isNotNegative(wary_s), "wary_s must not be negative"},
+      {isNotNegative(wary_trial_s), "wary_trial_s must not be negative"},
       {max_failures >= 0, "max_failures must not be negative"},
       {max_frames_outside >= 0, "max_frames_outside must not be negative"},
       {isShare(blind_share), "blind_share must be 0 to 1"},
       {isPositive(first_depth_m), "first_depth_m must be positive"},
       {isPositive(first_depth_sigma_ratio), "first_depth_sigma_ratio must be positive"},
+      {isPositive(marker_depth_sigma_ratio), "marker_depth_sigma_ratio must be positive"},
       {isPositive(depth_sigma_ratio), "depth_sigma_ratio must be positive"},
       {isPositive(search_sigmas), "search_sigmas must be positive"},
       {isPositive(max_search_px), "max_search_px must be positive"},
@@ -62,6 +67,7 @@ VisualFilter::VisualFilter(const VisualFilterOptions& options)
   candidates_.reserve(count);
   matches_.reserve(count);
   candidate_of_match_.reserve(count);
+  ages_.reserve(count);
   accepted_.reserve(count);
   neighbours_.reserve(count);
   shown_.reserve(count);
@@ -80,11 +86,15 @@ void VisualFilter::reinitialize(const Transform& T_w_c, const Matrix6d& covarian
   marker_depth_m_ = 0.0;
   frames_since_lot_ = 0;
   frame_s_ = 0.0;
+  wary_s_ = running_s_ = 0.0;
+  was_blind_ = false;
   shown_.clear();
 }
 
 void VisualFilter::predict(double dt_s) {
   frame_s_ = dt_s;
+  wary_s_ = std::max(0.0, wary_s_ - dt_s);
+  running_s_ += dt_s;
   filter_.predict(dt_s);
 }
 
@@ -145,9 +155,17 @@ void VisualFilter::expectFeatures(const CameraModel& camera) {
     Candidate& candidate = candidates_.emplace_back();
     candidate.feature = feature;
     candidate.expected = *expected;
-    candidate.on_trial = features_[i].age < options_.features.trial_frames;
+    candidate.on_trial = !features_[i].passed;
     expectSkewed(camera, &candidate);
   }
+}
+
+int VisualFilter::trialFrames() const {
+  const FeatureManagementOptions& options = options_.features;
+  if (!(wary_s_ > 0.0) || !(frame_s_ > 0.0)) return options.trial_frames;
+  constexpr int kMost = 1000;
+  return std::max(options.trial_frames,
+                  static_cast<int>(std::min<double>(kMost, options.wary_trial_s / frame_s_)));
 }
 
 double VisualFilter::systematicFrames() const {
@@ -166,11 +184,9 @@ FeatureMatch VisualFilter::matchOf(const Candidate& candidate, const FoundFeatur
   return match;
 }
 
-void VisualFilter::lookForFeatures(const CameraModel& camera, VisualUpdate* result) {
-  expectFeatures(camera);
+void VisualFilter::findMatches() {
   matches_.clear();
   candidate_of_match_.clear();
-  int sure = 0;
   for (std::size_t i = 0; i < candidates_.size(); ++i) {
     Candidate& candidate = candidates_[i];
     const auto found = findFeature(
@@ -182,13 +198,46 @@ void VisualFilter::lookForFeatures(const CameraModel& camera, VisualUpdate* resu
     candidate.stretch = found->stretch;
     matches_.push_back(matchOf(candidate, *found));
     candidate_of_match_.push_back(static_cast<int>(i));
-    sure += candidate.on_trial ? 0 : 1;
   }
-  if (sure < options_.features.believed_without_trial) {
-    for (FeatureMatch& match : matches_) match.on_trial = false;
-  }
+}
+
+void VisualFilter::endTrialsOfOldest() {
+  const auto enough = static_cast<std::size_t>(options_.features.believed_without_trial);
+  const auto on_trial = [](const FeatureMatch& match) { return match.on_trial; };
+  const auto sure =
+      matches_.size() - static_cast<std::size_t>(std::ranges::count_if(matches_, on_trial));
+  if (sure >= enough) return;
+  ages_.clear();
+  for (const FeatureMatch& match : matches_) ages_.push_back(match.age);
+  std::ranges::sort(ages_, std::greater());
+  // Those of the same age belong together.
+  const int oldest = ages_.size() < enough ? 0 : ages_[enough - 1];
+  for (FeatureMatch& match : matches_) match.on_trial = match.on_trial && match.age < oldest;
+}
+
+int VisualFilter::leastConsensus() const {
+  if (!was_blind_) return 0;
+  return static_cast<int>(
+      std::ceil(options_.features.blind_share * static_cast<double>(candidates_.size())));
+}
+
+void VisualFilter::noteRefusals() {
+  if (running_s_ < options_.features.wary_trial_s) return;  // depths have yet to settle
+  constexpr int kFirstTimes = 3;                            // then it is known, and will be dropped
+  const auto is_refusal = [&](const Candidate& candidate) {
+    return candidate.found && !candidate.believed && !candidate.on_trial &&
+           features_[static_cast<std::size_t>(candidate.feature)].failures < kFirstTimes;
+  };
+  const auto refusals = std::ranges::count_if(candidates_, is_refusal);
+  if (refusals >= options_.features.wary_after_refusals) wary_s_ = options_.features.wary_s;
+}
+
+void VisualFilter::lookForFeatures(const CameraModel& camera, VisualUpdate* result) {
+  expectFeatures(camera);
+  findMatches();
+  endTrialsOfOldest();
   double squares = 0.0;
-  filter_.observeFeatures(camera, matches_, &accepted_);
+  filter_.observeFeatures(camera, matches_, leastConsensus(), &accepted_);
   for (std::size_t k = 0; k < matches_.size(); ++k) {
     Candidate& candidate = candidates_[static_cast<std::size_t>(candidate_of_match_[k])];
     candidate.believed = accepted_[k] != 0;
@@ -196,6 +245,8 @@ void VisualFilter::lookForFeatures(const CameraModel& camera, VisualUpdate* resu
     ++result->believed;
     squares += (matches_[k].pixel + candidate.skew.shift - candidate.expected.pixel).squaredNorm();
   }
+  noteRefusals();
+  result->wary = wary_s_ > 0.0;
   result->expected = static_cast<int>(candidates_.size());
   result->found = static_cast<int>(matches_.size());
   if (result->believed > 0) result->rms_px = std::sqrt(squares / result->believed);
@@ -224,10 +275,13 @@ void VisualFilter::judge(VisualUpdate* result) {
   result->blind = result->expected >= kFew &&
                   static_cast<double>(believed) <
                       options_.features.blind_share * static_cast<double>(result->expected);
+  was_blind_ = result->blind;
   if (result->blind) return;
+  const int trial = trialFrames();
   for (const Candidate& candidate : candidates_) {
     Feature& feature = features_[static_cast<std::size_t>(candidate.feature)];
     ++feature.age;
+    feature.passed = feature.passed || feature.age >= trial;
     feature.failures = candidate.believed ? 0 : feature.failures + 1;
   }
 }
@@ -323,8 +377,8 @@ int VisualFilter::addAtLikelyDepth(const NewFeature& feature, const Eigen::Vecto
                                   options_.features.depth_sigma_ratio);
   }
   const bool at_markers = marker_depth_m_ > 0.0;
-  const double ratio =
-      at_markers ? options_.features.depth_sigma_ratio : options_.features.first_depth_sigma_ratio;
+  const double ratio = at_markers ? options_.features.marker_depth_sigma_ratio
+                                  : options_.features.first_depth_sigma_ratio;
   // A guess is one for all of them.
   if (first >= 0 && !assumes_scale_) {
     return filter_.addFeatureLike({&first, 1}, anchor, feature.uv, feature.uv_covariance, ratio);
@@ -461,6 +515,7 @@ int VisualFilter::addKnownPoints(const ImageView& image, const CameraModel& came
   levels_[0] = image;
   levels_[1] = reducers_[0].reduce(levels_[0], 2);
   levels_[2] = reducers_[1].reduce(levels_[1], 2);
+  makeRoomFor(static_cast<int>(points.size()));
   if (!makeRoomForAnchor()) return 0;
   const int anchor = filter_.addAnchor();
   if (anchor < 0) return 0;

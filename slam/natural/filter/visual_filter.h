@@ -36,15 +36,26 @@ struct FeatureManagementOptions {
   int least_lot = 5;
   // Frames that a new feature is only looked at (FeatureMatch::on_trial).
   int trial_frames = 8;
-  // As long as so many others are there to be believed. More measures more when features are few,
-  // and lets in what moves: with 12, twelve of a moving poster took over from eight of the room.
+  // As long as so many others are there to be believed; else the oldest of those on trial are. More
+  // measures more when features are few, and lets in what moves: with 12, twelve of a moving poster
+  // took over from eight of the room.
   int believed_without_trial = 6;
+  // So many features refused in one frame, each for one of the first times: things move in view, or
+  // stand in front of each other. In three frames of a thousand of rooms where nothing moves.
+  int wary_after_refusals = 4;
+  // From then on for so long the trials of new features take longer, seconds: the beginning of a
+  // motion looks like another depth, which half a second tells apart. Longer leaves fewer features
+  // to go by.
+  double wary_s = 2.0;
+  double wary_trial_s = 0.8;
   // A feature is dropped after so many frames in which it should have been found and was not.
   int max_failures = 8;
   // ... and after so many outside the image.
   int max_frames_outside = 10;
   // A frame in which less than this share of the features is found says nothing about them: it was
-  // dark, or blurred, or something was in the way of all of them.
+  // dark, or blurred, or something was in the way of all of them. After it, less than this share
+  // says nothing about the camera either: where it may be far from what is expected, some find
+  // something that looks like them.
   double blind_share = 0.25;
   // Where nothing is known of depth: that of a room, metres.
   double first_depth_m = 2.0;
@@ -52,6 +63,9 @@ struct FeatureManagementOptions {
   // (Civera et al. 2008). With more an update is far from linear, and what is a step aside is taken
   // for a turn.
   double first_depth_sigma_ratio = 0.5;
+  // The same where there are markers in view, which features may be as far away as. With 3 a start
+  // beside one small marker in a fast turn took the turn for depths.
+  double marker_depth_sigma_ratio = 2.0;
   // Sigma of a new feature's inverse depth, in units of that which its neighbours suggest. What
   // they suggest is no measurement: little of it is enough to bend the scale where hardly anything
   // moves sideways (along a corridor, 0.5 let it drift by a fifth in ten metres, at random).
@@ -105,6 +119,7 @@ struct VisualUpdate {
   int dropped = 0;
   int recalled = 0;     // points that were remembered
   bool blind = false;   // too few found to say anything about the others
+  bool wary = false;    // things move in view, or have lately
   double rms_px = 0.0;  // innovations of those believed
 };
 
@@ -188,8 +203,9 @@ class VisualFilter {
     FeatureLook look;
     bool surface_is_told = false;
     int age = 0;
-    int failures = 0;  // in succession
-    int outside = 0;   // frames in succession
+    bool passed = false;  // its trial
+    int failures = 0;     // in succession
+    int outside = 0;      // frames in succession
   };
   // What a rolling shutter does to a feature's place, which comes late in the image, or early.
   // Normalized coordinates or pixels.
@@ -213,6 +229,14 @@ class VisualFilter {
                             double rho) const;
   void expectSkewed(const CameraModel& camera, Candidate* candidate) const;
   void lookForFeatures(const CameraModel& camera, VisualUpdate* result);
+  void findMatches();
+  // Frames that a feature is on trial, as things are.
+  [[nodiscard]] int trialFrames() const;
+  // Where too few matches are beyond their trial, the oldest others are, too.
+  void endTrialsOfOldest();
+  // How many matches have to agree to be believed.
+  [[nodiscard]] int leastConsensus() const;
+  void noteRefusals();
   void expectFeatures(const CameraModel& camera);
   [[nodiscard]] FeatureMatch matchOf(const Candidate& candidate, const FoundFeature& found) const;
   // How much larger a match's systematic error is as white noise that averages as slowly as one
@@ -273,11 +297,15 @@ class VisualFilter {
   int frames_since_lot_ = 0;
   double frame_s_ = 0.0;  // since the last frame
   double readout_s_ = 0.0;
+  double wary_s_ = 0.0;     // still to come
+  double running_s_ = 0.0;  // since the start
+  bool was_blind_ = false;  // the last frame with an image
 
   // Of the frame at hand.
   std::vector<Candidate> candidates_;
   std::vector<FeatureMatch> matches_;
   std::vector<int> candidate_of_match_;
+  std::vector<int> ages_;
   std::vector<char> accepted_;
   std::vector<FoundCorner> found_corners_;
   std::vector<SurfacePoint> neighbours_;

@@ -100,7 +100,8 @@ int VisualFilter::recall(const CameraModel& camera, int sharing, RememberedView*
     if (!in_view(point)) return false;
     const int place = filter_.addFeature(anchor, point.uv, point.rho, point.covariance);
     if (place < 0) return false;
-    features_[static_cast<std::size_t>(place)] = {.look = point.look, .age = point.age};
+    features_[static_cast<std::size_t>(place)] = {
+        .look = point.look, .age = point.age, .passed = true};
     ++recalled;
     return true;
   });
