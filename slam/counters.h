@@ -31,6 +31,7 @@ struct Counters {
   std::uint64_t refused_pictures = 0;
   std::uint64_t late_unknown = 0;
   std::uint64_t predicted_frames = 0;
+  std::uint64_t wary_frames = 0;
   std::uint64_t filter_restarts = 0;
   std::uint64_t full_scans = 0;
   std::uint64_t followed_frames = 0;
@@ -100,6 +101,8 @@ inline constexpr std::array kCounters = {
                  "pictures told of frames that nobody remembers any more"},
     NamedCounter{"predicted_frames", &Counters::predicted_frames,
                  "frames whose pose is from the motion alone"},
+    NamedCounter{"wary_frames", &Counters::wary_frames,
+                 "frames in which features were distrusted, as things moved in view"},
     NamedCounter{"filter_restarts", &Counters::filter_restarts,
                  "times the filter of natural features contradicted the markers, and began anew"},
     NamedCounter{"full_scans", &Counters::full_scans, "frames searched as a whole"},

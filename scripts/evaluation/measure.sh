@@ -113,7 +113,7 @@ measure_targets() {
     rm -rf "$work/out"
     "$waymark" run "$from/frames.avi" --calibration "$from/calib.yml" --quiet --marker-size 0.1 \
       --dictionary 4X4_50 --natural "$from/natural_$1.json" --out "$work/out" || [[ $? -eq 3 ]]
-    build/release/tests/bench/targets "$from" "$work/out/trajectory.tum" \
+    build/release/tests/bench/targets "$from" "$work/out/trajectory.tum" --during "table $1" \
       --json "$work/targets-$seed.json" >&2
   done
   jq -n --arg name "$1" --argjson made "$(provenance)" '{name: $name, made: $made, seeds: [inputs]}' \

@@ -101,6 +101,7 @@ bool PoseIntegrator::follow(std::int64_t time_ns, const ImageView& image, const 
   }
   if (goes_on && bridging_) arrival_ = filter_->pose();
   const VisualUpdate update = filter_->update(image, camera_, markers);
+  counters_->wary_frames += update.wary ? 1 : 0;
   const bool are_few = static_cast<int>(markers.size()) <= options_.integrator.max_markers;
   if (goes_on && are_few) fused_ = fusedPose(pose, update);
   last_seen_ns_ = time_ns;
@@ -146,6 +147,7 @@ std::optional<VisualUpdate> PoseIntegrator::look(std::int64_t time_ns, const Ima
   // Adrift, the scale is what two pictures say of it.
   if (adrift_) unplaced = {};
   const VisualUpdate update = filter_->update(image, camera_, {}, unplaced);
+  counters_->wary_frames += update.wary ? 1 : 0;
   if (update.believed >= options_.integrator.min_features) last_seen_ns_ = time_ns;
   const double blind_s = secondsBetween(last_seen_ns_, time_ns);
   if (blind_s <= options_.integrator.max_blind_s && isFinite(filter_->pose())) return update;

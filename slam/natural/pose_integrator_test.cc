@@ -387,6 +387,26 @@ TEST_F(StartFromPictureTest, APoseThatPicturesContradictIsGivenUp) {
   EXPECT_TRUE(begun);
 }
 
+TEST_F(StartFromPictureTest, WhileAPictureContradictsEitherMayBeRight) {
+  for (int i = 0; i < 40; ++i) (void)stepAwaited(true);
+  Transform moved;
+  moved.p = {0.12, 0.0, 0.0};
+  integrator_->moveWorld(moved);  // it is wrong by now
+  int doubted = 0;
+  outcome_ = LateOutcome::kUnknown;
+  for (int i = 0; i < 60 && outcome_ != LateOutcome::kStarted; ++i) {
+    const auto pose = stepAwaited(true);
+    if (outcome_ != LateOutcome::kRefused) continue;
+    ASSERT_TRUE(pose);
+    const Vector6d e = pose->T_w_c.localCoordinates(truth_);
+    EXPECT_GT(e.head<3>().norm(), 0.08);
+    EXPECT_LT(e.dot(pose->covariance.ldlt().solve(e)), 16.8) << "99 % of chi-square of 6";
+    ++doubted;
+  }
+  EXPECT_GE(doubted, 5);
+  EXPECT_EQ(outcome_, LateOutcome::kStarted);
+}
+
 // A picture that is small and far: of its two poses, 50 mrad apart, now the one and now the other
 // looks better, and is said to be surely the right one.
 TEST_F(StartFromPictureTest, APoseThatAgreesWithAPicturesOtherOneIsKept) {

@@ -129,7 +129,8 @@ TEST(MovingThings, WhatBeginsToMoveTakesNobodyAlong) {
     beyond += result.beyond;
     beyond_when_trusting += without.beyond;
   }
-  EXPECT_LT(beyond, beyond_when_trusting);
+  EXPECT_LE(beyond, 6) << "a fifth of a second of 48";
+  EXPECT_GT(beyond_when_trusting, 30) << "or nothing here would need any of it";
 }
 
 TEST(MovingThings, WhereNothingMovesItTrusts) {

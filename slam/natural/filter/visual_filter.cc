@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <functional>
 #include <limits>
 #include <utility>
 
@@ -160,14 +159,6 @@ void VisualFilter::expectFeatures(const CameraModel& camera) {
   }
 }
 
-int VisualFilter::trialFrames() const {
-  const FeatureManagementOptions& options = options_.features;
-  if (!(wary_s_ > 0.0) || !(frame_s_ > 0.0)) return options.trial_frames;
-  constexpr int kMost = 1000;
-  return std::max(options.trial_frames,
-                  static_cast<int>(std::min<double>(kMost, options.wary_trial_s / frame_s_)));
-}
-
 double VisualFilter::systematicFrames() const {
   return frame_s_ > 0.0 ? std::max(1.0, 2.0 * options_.features.systematic_s / frame_s_) : 1.0;
 }
@@ -201,37 +192,6 @@ void VisualFilter::findMatches() {
   }
 }
 
-void VisualFilter::endTrialsOfOldest() {
-  const auto enough = static_cast<std::size_t>(options_.features.believed_without_trial);
-  const auto on_trial = [](const FeatureMatch& match) { return match.on_trial; };
-  const auto sure =
-      matches_.size() - static_cast<std::size_t>(std::ranges::count_if(matches_, on_trial));
-  if (sure >= enough) return;
-  ages_.clear();
-  for (const FeatureMatch& match : matches_) ages_.push_back(match.age);
-  std::ranges::sort(ages_, std::greater());
-  // Those of the same age belong together.
-  const int oldest = ages_.size() < enough ? 0 : ages_[enough - 1];
-  for (FeatureMatch& match : matches_) match.on_trial = match.on_trial && match.age < oldest;
-}
-
-int VisualFilter::leastConsensus() const {
-  if (!was_blind_) return 0;
-  return static_cast<int>(
-      std::ceil(options_.features.blind_share * static_cast<double>(candidates_.size())));
-}
-
-void VisualFilter::noteRefusals() {
-  if (running_s_ < options_.features.wary_trial_s) return;  // depths have yet to settle
-  constexpr int kFirstTimes = 3;                            // then it is known, and will be dropped
-  const auto is_refusal = [&](const Candidate& candidate) {
-    return candidate.found && !candidate.believed && !candidate.on_trial &&
-           features_[static_cast<std::size_t>(candidate.feature)].failures < kFirstTimes;
-  };
-  const auto refusals = std::ranges::count_if(candidates_, is_refusal);
-  if (refusals >= options_.features.wary_after_refusals) wary_s_ = options_.features.wary_s;
-}
-
 void VisualFilter::lookForFeatures(const CameraModel& camera, VisualUpdate* result) {
   expectFeatures(camera);
   findMatches();
@@ -245,8 +205,6 @@ void VisualFilter::lookForFeatures(const CameraModel& camera, VisualUpdate* resu
     ++result->believed;
     squares += (matches_[k].pixel + candidate.skew.shift - candidate.expected.pixel).squaredNorm();
   }
-  noteRefusals();
-  result->wary = wary_s_ > 0.0;
   result->expected = static_cast<int>(candidates_.size());
   result->found = static_cast<int>(matches_.size());
   if (result->believed > 0) result->rms_px = std::sqrt(squares / result->believed);
@@ -276,6 +234,8 @@ void VisualFilter::judge(VisualUpdate* result) {
                   static_cast<double>(believed) <
                       options_.features.blind_share * static_cast<double>(result->expected);
   was_blind_ = result->blind;
+  if (!result->blind) noteRefusals();
+  result->wary = wary_s_ > 0.0;
   if (result->blind) return;
   const int trial = trialFrames();
   for (const Candidate& candidate : candidates_) {
