@@ -146,7 +146,9 @@ def gap_table:
              "\(.cpu_ms.mean | digits) / \(.cpu_ms.p99 | digits) / \(.cpu_ms.worst | digits)",
              ($plan.target // {} | [(.end_mm | select(.) | "end <= \(.) mm"), (.jump_mm | select(.) | "jump <= \(.) mm"),
                 (.share_percent | select(.) | "end <= \(.) %")] | join(", ")),
-             (if $plan.target then gap_missed($plan.target) | verdict else "" end), $version] end]);
+             (if $plan.target then (gap_missed($plan.target) | verdict)
+                + (if gap_missed($plan.target) == [] and .ends.lost > 0 then ", where there is a pose" else "" end)
+              else "" end), $version] end]);
 
 def target_missed($t): [.seeds[] | select((.during_px.mean // 1e9) > $t) | "mean"];
 def by_seed(f): [.seeds[] | f | if . then digits else "none" end] | join(", ");
