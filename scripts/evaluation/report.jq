@@ -136,6 +136,7 @@ def gap_table:
     [$plan.gaps[] as $plan | first($gaps[] | select(.run == $plan.name)) // null
       | if . == null then [$plan.what, "not measured"] + [range(12) | ""] else
         .made.commit as $version | .report
+          | (if $plan.target then gap_missed($plan.target) else null end) as $missed
           | [$plan.what, "\(.ends.gaps), \(.ends.lost) lost", (.ends.way_m | digits),
              "\(.ends.from_marker_mm.rms | digits) / \(.ends.from_marker_mm.worst | digits)",
              "\(.ends.share_percent.rms | digits) / \(.ends.share_percent.worst | digits) %",
@@ -146,9 +147,8 @@ def gap_table:
              "\(.cpu_ms.mean | digits) / \(.cpu_ms.p99 | digits) / \(.cpu_ms.worst | digits)",
              ($plan.target // {} | [(.end_mm | select(.) | "end <= \(.) mm"), (.jump_mm | select(.) | "jump <= \(.) mm"),
                 (.share_percent | select(.) | "end <= \(.) %")] | join(", ")),
-             (if $plan.target then (gap_missed($plan.target) | verdict)
-                + (if gap_missed($plan.target) == [] and .ends.lost > 0 then ", where there is a pose" else "" end)
-              else "" end), $version] end]);
+             (if $missed == null then "" else ($missed | verdict)
+                + (if $missed == [] and .ends.lost > 0 then ", where there is a pose" else "" end) end), $version] end]);
 
 def target_missed($t): [.seeds[] | select((.during_px.mean // 1e9) > $t) | "mean"];
 def by_seed(f): [.seeds[] | f | if . then digits else "none" end] | join(", ");

@@ -61,8 +61,7 @@ hangs; it passes by the others, and twenty that are unknown. Distance in the ima
 targets through the estimated pose and through the true one: in the four seconds before the table after the
 camera has looked at the picture, as the paper measured it, and in all frames with a pose, which are up to
 a minute and several metres from the picture. The paper's (table 1, at 320x240) are 10 to 14 px from 0.4 to 0.8 m,
-over 100 px from 1 m, and none from 2 m. At af87734, in seed 3, a print on an object reads as marker 17 of
-4X4_50; it begins the map, with a size that it has not, and takes the pose along." \
+over 100 px from 1 m, and none from 2 m." \
     --arg recordings "\
 References: printed board layouts for aruco_chess18 and gridboard20; for tagslam an offline batch
 solution of the same corners, so agreement rather than truth. ACE after rigid alignment. room20 is run

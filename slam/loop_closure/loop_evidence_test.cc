@@ -16,8 +16,7 @@ class LoopEvidenceTest : public ::testing::Test {
  protected:
   LoopEvidenceTest() {
     detection_ = testing::observe(camera_, truth_, 7, T_w_m_, kSize, 0.1, &rng_).value();
-    known_ = {&detection_, T_w_m_, kSize, Matrix6d::Zero(), markerCorners(kSize)};
-    for (Eigen::Vector3d& corner : known_.corners_w) corner = T_w_m_ * corner;
+    known_ = testing::knownMarker(detection_, T_w_m_, kSize);
   }
 
   [[nodiscard]] LoopFrame evidence(const Transform& tracked) const {

@@ -85,6 +85,7 @@ bool PoseIntegrator::follow(std::int64_t time_ns, const ImageView& image, const 
   if (adrift_) giveUp();  // the markers know better
   late_refusals_ = contradicted_ = 0;
   contradiction_.setZero();
+  known_points_w_.clear();
   advance(time_ns);
   if (running() && contradicts(pose)) {
     if (++contradictions_ < options_.integrator.witnesses) return !features_knew;
@@ -267,7 +268,8 @@ LateOutcome PoseIntegrator::late(const LatePose& pose, std::span<const Eigen::Ve
     }
     if (outcome != LateOutcome::kRefused || !pose.decided || !isOutvoted(fix)) return outcome;
     adrift_ = true;
-    guessed_scale_ = 1.0;  // it had one
+    contradiction_.setZero();  // the pictures are right
+    guessed_scale_ = 1.0;      // it had one
   }
   if (!pose.decided) return LateOutcome::kOpen;
   const Eigen::Map<const Eigen::Matrix3Xd> points(points_w.front().data(), 3,

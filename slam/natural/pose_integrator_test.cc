@@ -45,9 +45,8 @@ class PoseIntegratorTest : public ::testing::Test {
     EXPECT_TRUE(seen);
     Transform believed = marker_;
     believed.p.x() += offset_m;
-    KnownMarker known{&*seen, believed, kSize_m, Matrix6d::Identity() * 1e-8,
-                      markerCorners(kSize_m)};
-    for (Eigen::Vector3d& corner : known.corners_w) corner = believed * corner;
+    const KnownMarker known =
+        testing::knownMarker(*seen, believed, kSize_m, Matrix6d::Identity() * 1e-8);
     Transform start = truth_;
     start.p.x() += offset_m;
     const auto solution = optimizer_.optimize({&known, 1}, start);

@@ -87,6 +87,14 @@ inline std::vector<MarkerDetection> observeAll(const CameraModel& camera, const 
   return detections;
 }
 
+// A detection as a map knows it that has the marker there. The detection must outlive it.
+inline KnownMarker knownMarker(const MarkerDetection& detection, const Transform& T_w_m,
+                               double size_m, const Matrix6d& covariance = Matrix6d::Zero()) {
+  KnownMarker marker{&detection, T_w_m, size_m, covariance, markerCorners(size_m)};
+  for (Eigen::Vector3d& corner : marker.corners_w) corner = T_w_m * corner;
+  return marker;
+}
+
 // The detections as a map that holds the truth knows them. The ids are indices into `markers`.
 inline std::vector<KnownMarker> knownFrom(const std::vector<MarkerDetection>& detections,
                                           const std::vector<SyntheticMarker>& markers,
@@ -94,9 +102,7 @@ inline std::vector<KnownMarker> knownFrom(const std::vector<MarkerDetection>& de
   std::vector<KnownMarker> known;
   for (const MarkerDetection& detection : detections) {
     const Transform& T_w_m = markers[static_cast<std::size_t>(detection.id)].T_w_m;
-    KnownMarker marker{&detection, T_w_m, size_m, Matrix6d::Zero(), markerCorners(size_m)};
-    for (Eigen::Vector3d& corner : marker.corners_w) corner = T_w_m * corner;
-    known.push_back(marker);
+    known.push_back(knownMarker(detection, T_w_m, size_m));
   }
   return known;
 }

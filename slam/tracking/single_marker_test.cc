@@ -22,8 +22,7 @@ class SingleMarkerTest : public ::testing::Test {
         testing::lookAt({distance_m * std::sin(tilt_rad), -distance_m * std::cos(tilt_rad), 0.1},
                         Eigen::Vector3d::Zero());
     detection_ = *testing::observe(camera_, truth_, 1, T_w_m_, kSize_m, sigma_px, &rng_);
-    known_ = {&detection_, T_w_m_, kSize_m, Matrix6d::Zero(), markerCorners(kSize_m)};
-    for (Eigen::Vector3d& corner : known_.corners_w) corner = T_w_m_ * corner;
+    known_ = testing::knownMarker(detection_, T_w_m_, kSize_m);
     return known_;
   }
 

@@ -5,8 +5,8 @@
 //   targets DIRECTORY TRAJECTORY.tum [--during "table A"]
 //
 // DIRECTORY: of `waymark simulate table`. --during: an event of its simulation.json; these frames
-// are told of by themselves. The trajectory's world is the scene's: surveyed natural
-// markers, or a map with the markers where they are.
+// are told of by themselves. The trajectory's world is the scene's: surveyed natural markers, or a
+// map with the markers where they are.
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
@@ -43,34 +43,36 @@ struct Interval {
   double end_s = 0.0;
 };
 
-Result<Interval> readEvent(const fs::path& file, const std::string& what) {
+// take: called with each element of a file's list.
+template <typename Take>
+Status readList(const fs::path& file, const char* key, const Take& take) {
   const Result<std::string> text = io::readTextFile(file);
   if (!text) return text.error();
   const Result<io::Json> json = io::parseJson(*text, file.string());
   if (!json) return json.error();
   std::string fault;
-  std::optional<Interval> found;
-  for (const io::JsonNode& node : io::JsonNode(*json, &fault).at("events").elements()) {
-    if (node.at("what").text() == what) {
-      found = Interval{node.at("begin_s").number(), node.at("end_s").number()};
-    }
-  }
+  for (const io::JsonNode& node : io::JsonNode(*json, &fault).at(key).elements()) take(node);
   if (!fault.empty()) return Error{file.string() + ": " + fault};
+  return success();
+}
+
+Result<Interval> readEvent(const fs::path& file, const std::string& what) {
+  std::optional<Interval> found;
+  const Status read = readList(file, "events", [&](const io::JsonNode& node) {
+    if (node.at("what").text() != what) return;
+    found = Interval{node.at("begin_s").number(), node.at("end_s").number()};
+  });
+  if (!read) return read.error();
   if (!found) return Error{file.string() + ": no event '" + what + "'"};
   return *found;
 }
 
 Result<std::vector<Target>> readTargets(const fs::path& file) {
-  const Result<std::string> text = io::readTextFile(file);
-  if (!text) return text.error();
-  const Result<io::Json> json = io::parseJson(*text, file.string());
-  if (!json) return json.error();
-  std::string fault;
   std::vector<Target> targets;
-  for (const io::JsonNode& node : io::JsonNode(*json, &fault).at("targets").elements()) {
+  const Status read = readList(file, "targets", [&](const io::JsonNode& node) {
     targets.push_back({node.at("name").text(), node.at("p").point3()});
-  }
-  if (!fault.empty()) return Error{file.string() + ": " + fault};
+  });
+  if (!read) return read.error();
   return targets;
 }
 

@@ -99,8 +99,7 @@ Followed follow(unsigned seed, double begin_s, const VisualFilterOptions& option
     std::vector<KnownMarker> markers;
     const auto seen = testing::observe(wall.camera(), walk(t), 7, marker, 0.3, 0.1, &rng);
     if (t < 1.0 && seen) {
-      markers.push_back({&*seen, marker, 0.3, Matrix6d::Identity() * 1e-8, markerCorners(0.3)});
-      for (Eigen::Vector3d& corner : markers.back().corners_w) corner = marker * corner;
+      markers.push_back(testing::knownMarker(*seen, marker, 0.3, Matrix6d::Identity() * 1e-8));
     }
     if (k > 0) filter.predict(1.0 / kRate_hz);
     const VisualUpdate update =

@@ -143,10 +143,8 @@ class PointWorld {
     const auto seen =
         observe(camera_, truth_, 7, true_marker_, 0.2, options_.marker_sigma_px, &corner_rng);
     if (!seen) return;
-    KnownMarker marker{&*seen, map_marker_, 0.2, Matrix6d::Zero(), markerCorners(0.2)};
-    for (Eigen::Vector3d& corner : marker.corners_w) corner = map_marker_ * corner;
     const double s = options_.marker_map_sigma_m;
-    marker.covariance = s * s * Matrix6d::Identity();
+    const KnownMarker marker = knownMarker(*seen, map_marker_, 0.2, s * s * Matrix6d::Identity());
     (void)filter_.observeMarkers({&marker, 1});
   }
 

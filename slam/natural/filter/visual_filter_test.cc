@@ -52,9 +52,7 @@ class WallRun {
     const auto seen = testing::observe(camera_, truth_, 7, marker_, 0.2, 0.1, &rng_);
     marker_seen_ = seen.has_value() && !dark && with_marker;
     if (marker_seen_) {
-      KnownMarker marker{&*seen, marker_, 0.2, Matrix6d::Identity() * 1e-8, markerCorners(0.2)};
-      for (Eigen::Vector3d& corner : marker.corners_w) corner = marker_ * corner;
-      known.push_back(marker);
+      known.push_back(testing::knownMarker(*seen, marker_, 0.2, Matrix6d::Identity() * 1e-8));
     }
     const double before = threadCpu_ms();
     if (frame_ > 0) filter_.predict(1.0 / rate_hz_);

@@ -38,8 +38,10 @@ int VisualFilter::leastConsensus() const {
 }
 
 void VisualFilter::noteRefusals() {
-  if (running_s_ < options_.features.wary_trial_s) return;  // depths have yet to settle
-  constexpr int kFirstTimes = 3;                            // then it is known, and will be dropped
+  // Depths have yet to settle.
+  if (running_s_ < options_.features.wary_trial_s) return;
+  // Then it is known, and will be dropped.
+  constexpr int kFirstTimes = 3;
   const auto is_refusal = [&](const Candidate& candidate) {
     return candidate.found && !candidate.believed && !candidate.on_trial &&
            features_[static_cast<std::size_t>(candidate.feature)].failures < kFirstTimes;
