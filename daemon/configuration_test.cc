@@ -113,6 +113,7 @@ TEST(Configuration, TheExampleWithEverythingUncommentedChangesNoDefault) {
   EXPECT_EQ(o.detector.scanner.quads.min_side_px, e.detector.scanner.quads.min_side_px);
   EXPECT_EQ(o.detector.edges.fit.min_contrast, e.detector.edges.fit.min_contrast);
   EXPECT_EQ(o.detector.decoder.max_wrong_bits, e.detector.decoder.max_wrong_bits);
+  EXPECT_EQ(o.detector.decoder.min_likeness, e.detector.decoder.min_likeness);
   EXPECT_EQ(o.follower.enabled, e.follower.enabled);
   EXPECT_EQ(o.follower.schedule.round_s, e.follower.schedule.round_s);
   EXPECT_EQ(o.work_per_frame, e.work_per_frame);

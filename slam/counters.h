@@ -46,6 +46,7 @@ struct Counters {
   std::uint64_t rejected_quads = 0;
   std::uint64_t quads_without_edges = 0;
   std::uint64_t quads_without_code = 0;
+  std::uint64_t quads_unlike_code = 0;
   std::uint64_t busy_frames = 0;
   std::uint64_t deferred_candidates = 0;
 };
@@ -134,6 +135,8 @@ inline constexpr std::array kCounters = {
                  "squares, and markers followed, without a clean edge at each side"},
     NamedCounter{"quads_without_code", &Counters::quads_without_code,
                  "squares, and markers followed, without a border or a code of the dictionary"},
+    NamedCounter{"quads_unlike_code", &Counters::quads_unlike_code,
+                 "squares that read as a code, and do not look like its print"},
     NamedCounter{"busy_frames", &Counters::busy_frames,
                  "frames too busy to be searched as a whole; searched in turns"},
     NamedCounter{"deferred_candidates", &Counters::deferred_candidates,

@@ -42,6 +42,7 @@ void FrameDetector::countSearch() {
   counters_->rejected_quads = detector.rejected;
   counters_->quads_without_edges = detector.no_edge;
   counters_->quads_without_code = detector.no_code;
+  counters_->quads_unlike_code = detector.unlike;
 }
 
 }  // namespace waymark::slam

@@ -56,6 +56,8 @@ TEST(Options, EveryStageIsAsked) {
          "the range of an edge's blur must be positive");
   expect([](Options* o) { o->detector.decoder.max_wrong_bits = -1; },
          "the number of wrong bits must not be negative");
+  expect([](Options* o) { o->detector.decoder.min_likeness = 1.5; },
+         "the least likeness of a marker must be from 0 to 1");
   expect([](Options* o) { o->follower.min_found = 1.5; },
          "the share of markers found again must be from 0 to 1");
   expect([](Options* o) { o->follower.schedule.round_s = 0.0; },
@@ -66,6 +68,8 @@ TEST(Options, EveryStageIsAsked) {
          "ambiguity ratios must be at least 1");
   expect([](Options* o) { o->initialization.attempts = 0; },
          "initialization needs at least 1 attempt");
+  expect([](Options* o) { o->initialization.min_likeness = -0.1; },
+         "the likeness of a marker that starts a map must be from 0 to 1");
   expect([](Options* o) { o->initialization.two_frame.min_baseline_m = 0.0; },
          "the baseline of two frames must be positive");
   expect([](Options* o) { o->tracking.min_witnesses = 0; },

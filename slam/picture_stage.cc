@@ -63,7 +63,8 @@ bool PictureStage::hearOne(const LateResult& seen, StageObserver* observer) {
     return false;
   }
   // A pose that may be the other one of its plane is of use to who has one already.
-  const bool begins = with_.map->empty() && with_.options.mapping && seen.decided;
+  const bool begins =
+      with_.map->empty() && with_.options.mapping && seen.decided && mayBegin(*print);
   if (begins) beginMap(*frame, seen, *print);
   if (with_.options.mapping && seen.decided) with_.map->addPicture(*print);
   if (const MapMarker* const known = with_.map->findPosed(seen.landmark)) {
@@ -84,6 +85,14 @@ bool PictureStage::grow(const AwaitedFrame& frame, const LateResult& seen,
   with_.covariance->introduce(seen.landmark, *known->T_w_m, Matrix6d::Zero(), with_.map);
   if (print.T_w_m) placeSurveyed();  // the world is the survey's by now
   return true;
+}
+
+// The world is the survey's, where there is one: not a picture's that it does not know.
+bool PictureStage::mayBegin(const PicturePrint& print) const {
+  const auto& prints = with_.options.natural.prints;
+  return print.T_w_m || std::ranges::none_of(prints, [](const PicturePrint& other) {
+           return other.T_w_m.has_value();
+         });
 }
 
 // Without any marker: the world is the survey's, else that frame's camera.

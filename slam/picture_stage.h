@@ -49,6 +49,7 @@ class PictureStage {
  private:
   [[nodiscard]] bool hearOne(const LateResult& seen, StageObserver* observer);
   [[nodiscard]] const PicturePrint* printOf(int id) const;
+  [[nodiscard]] bool mayBegin(const PicturePrint& print) const;
   void beginMap(const AwaitedFrame& frame, const LateResult& seen, const PicturePrint& print);
   [[nodiscard]] bool grow(const AwaitedFrame& frame, const LateResult& seen,
                           const PicturePrint& print, StageObserver* observer);

@@ -12,6 +12,8 @@
 #include <Eigen/Cholesky>
 #include <gtest/gtest.h>
 
+#include "simulator/simulation.h"
+#include "slam/natural/pictures/picture_finder.h"
 #include "slam/slam.h"
 #include "tests/poster_wall.h"
 #include "tools/natural/delayed_relocalizer.h"
@@ -39,7 +41,7 @@ class NaturalMarkersTest : public ::testing::Test {
     Transform truth;
   };
 
-  void start(int posters, bool surveyed, slam::Map map = {}) {
+  void start(int posters, int surveyed, slam::Map map = {}) {
     wall_.emplace(posters);
     slam::Options options;
     options.markers.size_m = kMarkerSize_m;
@@ -82,7 +84,7 @@ double errorOf(const Transform& T_true_w, const Transform& T_w_c, const Transfor
 
 // No fiducial at all: surveyed posters are the world, and a moving camera has a pose in it.
 TEST_F(NaturalMarkersTest, SurveyedPostersAloneGiveThePose) {
-  start(3, true);
+  start(3, 3);
   int posed = 0;
   double nees_sum = 0.0;
   for (int i = 0; i < 120; ++i) {
@@ -108,7 +110,7 @@ TEST_F(NaturalMarkersTest, SurveyedPostersAloneGiveThePose) {
 
 // The map finds where a poster hangs, and the poster finds the camera where the marker is gone.
 TEST_F(NaturalMarkersTest, APosterBesideAMarkerJoinsTheMapAndRelocalizes) {
-  start(2, false);
+  start(2, 0);
   for (int i = 0; i < 60; ++i) {
     const Frame frame = step(facingWall(0.1 + 0.008 * i, 1.0, 0.2 * std::sin(0.07 * i)), true);
     // For some frames the marker is out of view, and features carry the pose.
@@ -143,7 +145,7 @@ TEST_F(NaturalMarkersTest, APosterBesideAMarkerJoinsTheMapAndRelocalizes) {
 
 // Neither a marker nor a survey: the first poster begins the world, and a marker joins it.
 TEST_F(NaturalMarkersTest, TheFirstPosterBeginsTheWorldAndAMarkerJoinsIt) {
-  start(2, false);
+  start(2, 0);
   int posed = 0;
   for (int i = 0; i < 100; ++i) {
     const bool with_marker = i > 30;
@@ -169,7 +171,7 @@ TEST_F(NaturalMarkersTest, TheFirstPosterBeginsTheWorldAndAMarkerJoinsIt) {
 // A map that was begun with markers is moved to where the survey says, once a surveyed poster is
 // in it; the pose goes along.
 TEST_F(NaturalMarkersTest, ASurveyedPosterFixesTheWorldOfAMapThatIsThereAlready) {
-  start(1, true);
+  start(1, 1);
   int in_survey = 0;
   for (int i = 0; i < 60; ++i) {
     const Frame frame = step(facingWall(0.1 + 0.008 * i, 1.0, 0.2 * std::sin(0.07 * i)), true);
@@ -181,11 +183,55 @@ TEST_F(NaturalMarkersTest, ASurveyedPosterFixesTheWorldOfAMapThatIsThereAlready)
 }
 
 // The same frames, the same answers: the same poses to the last bit.
+// A world that is surveyed does not begin at a poster that nobody has surveyed.
+TEST_F(NaturalMarkersTest, OnlyASurveyedPosterBeginsASurveyedWorld) {
+  start(2, 1);
+  int posed = 0;
+  for (int i = 0; i < 110; ++i) {
+    const double x_m = 1.4 - 0.02 * i;
+    const Frame frame = step(facingWall(x_m, 1.0, 0.15 * std::sin(0.05 * i)), false);
+    EXPECT_FALSE(x_m > 0.8 && frame.pose) << i << ": the first poster is not in view yet";
+    if (!frame.pose) continue;
+    ++posed;
+    EXPECT_LT(nees(frame), 22.5) << i;
+  }
+  EXPECT_GT(posed, 30);
+}
+
+// Headline, picture and paragraphs are in the same places on all posters with text: a wall with
+// some, and twenty pictures that hang nowhere.
+TEST_F(NaturalMarkersTest, APosterOfTheSameLayoutIsNotTakenForAnother) {
+  simulator::Options options;
+  options.scene = "table";
+  options.seed = 3;
+  const auto made = simulator::Simulation::create(options, simulator::Ending::kOfTheScene);
+  ASSERT_TRUE(made);
+  const simulator::Simulation& simulation = **made;
+  std::vector<slam::NaturalMarker> elsewhere;
+  for (const simulator::NaturalPicture& natural : simulation.scene().natural) {
+    if (natural.T_w_m) continue;
+    elsewhere.push_back(*slam::NaturalMarker::create(natural.picture.view(), natural.width_m, 0.0));
+  }
+  ASSERT_EQ(elsewhere.size(), 19U);
+  const slam::CameraModel camera(simulation.camera());
+  slam::PictureFinder finder(elsewhere);
+  simulator::Simulation::Workspace workspace;
+  std::vector<std::uint8_t> pixels(640U * 480U);
+  int proposed = 0;
+  for (int frame = 1395; frame <= 1450; frame += 5) {
+    simulation.render(frame, &workspace, pixels.data());
+    const auto search = finder.find(ImageView{pixels.data(), 640, 480, 640}, camera);
+    proposed += search.proposed;
+    EXPECT_EQ(search.found.size(), 0U) << frame;
+  }
+  EXPECT_GT(proposed, 0) << "nothing looked alike";
+}
+
 TEST_F(NaturalMarkersTest, IsDeterministic) {
   std::vector<Transform> runs[2];
   for (std::vector<Transform>& run : runs) {
     frame_ = 0;
-    start(2, false);
+    start(2, 0);
     for (int i = 0; i < 25; ++i) {
       const Frame frame = step(facingWall(0.01 * i, 1.0, 0.0), i > 12);
       if (frame.pose) run.push_back(frame.pose->T_w_c);

@@ -83,14 +83,16 @@ class PosterWall {
     return pixels_;
   }
 
-  [[nodiscard]] std::vector<slam::PicturePrint> prints(bool surveyed) const {
+  // The first so many of them are surveyed.
+  [[nodiscard]] std::vector<slam::PicturePrint> prints(int surveyed) const {
     std::vector<slam::PicturePrint> prints;
     for (std::size_t i = 0; i < markers_.size(); ++i) {
-      prints.push_back({.name = nameOf(static_cast<int>(i)),
-                        .width_m = markers_[i].width_m(),
-                        .height_m = markers_[i].height_m(),
-                        .T_w_m = surveyed ? std::optional(T_w_m_[i]) : std::nullopt,
-                        .points_m = slam::picturePoints(markers_[i])});
+      prints.push_back(
+          {.name = nameOf(static_cast<int>(i)),
+           .width_m = markers_[i].width_m(),
+           .height_m = markers_[i].height_m(),
+           .T_w_m = static_cast<int>(i) < surveyed ? std::optional(T_w_m_[i]) : std::nullopt,
+           .points_m = slam::picturePoints(markers_[i])});
     }
     return prints;
   }

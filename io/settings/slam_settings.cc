@@ -71,6 +71,8 @@ std::vector<Setting> detectionKeys(slam::Options& o) {
       numberSetting("slam.detector.edges.fit.min_contrast", detector.edges.fit.min_contrast, 1.0,
                     255.0, "grey levels"),
       integerSetting("slam.detector.decoder.max_wrong_bits", detector.decoder.max_wrong_bits, 0, 8),
+      numberSetting("slam.detector.decoder.min_likeness", detector.decoder.min_likeness, 0.0, 1.0,
+                    ""),
       flagSetting("slam.follower.enabled", o.follower.enabled),
       numberSetting("slam.follower.schedule.round_s", o.follower.schedule.round_s, 0.01, 10.0, "s"),
   };

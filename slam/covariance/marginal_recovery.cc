@@ -19,7 +19,7 @@ namespace {
 
 // What steps cost, in microseconds of a core of 3 GHz.
 constexpr double kFindMarker = 0.1;
-constexpr double kNotePair = 0.006;
+constexpr double kNotePairOfView = 0.006;
 constexpr double kSortPair = 0.003;
 constexpr double kSetMarker = 0.4;
 constexpr double kLookAtKept = 0.03;  // a marker of it
@@ -247,7 +247,7 @@ Task<MapMarginals> recoverMarginals(const Map& map, const MarkerOptions& markers
     const auto n = static_cast<double>(seen.size());
     const double look = keyframe.kept != nullptr ? kLookAtKept : kFindMarker;
     if (!seen.empty()) pattern.keyframes.push_back(keyframe);
-    co_await budget->spend(n * (look + kNotePair * n));
+    co_await budget->spend(n * (look + kNotePairOfView * n));
     it = map.keyframes().upper_bound(id);
   }
   kept->forgetBetween(next, std::numeric_limits<KeyframeId>::max());

@@ -17,8 +17,9 @@ class CameraModel;
 // The omega of seed 1, Eq. 10, with a covariance for each corner.
 struct MarkerDetection {
   int id = -1;
-  int hamming = 0;                                                   // corrected bits of the code
-  std::array<Eigen::Vector2d, 4> pixels = zeros<Eigen::Vector2d>();  // distorted, pixel centres
+  int hamming = 0;        // corrected bits of the code
+  double likeness = 1.0;  // how much it looks like its print (code_likeness.h), 0 to 1
+  std::array<Eigen::Vector2d, 4> pixels = zeros<Eigen::Vector2d>();      // distorted, pixel centres
   std::array<Eigen::Vector2d, 4> normalized = zeros<Eigen::Vector2d>();  // undistorted, at z = 1
   // Of `normalized`, in its squared units: the image's noise, and ...
   std::array<Eigen::Matrix2d, 4> covariance = zeros<Eigen::Matrix2d>();

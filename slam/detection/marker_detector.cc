@@ -372,7 +372,11 @@ std::optional<MeasuredMarker> MarkerDetector::readWithEdges(
 }
 
 std::optional<MeasuredMarker> MarkerDetector::counted(const Measurement& measurement) {
-  if (!measurement.marker) ++(measurement.has_edges ? counters_.no_code : counters_.no_edge);
+  if (measurement.is_unlike) {
+    ++counters_.unlike;
+  } else if (!measurement.marker) {
+    ++(measurement.has_edges ? counters_.no_code : counters_.no_edge);
+  }
   return measurement.marker;
 }
 

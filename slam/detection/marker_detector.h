@@ -70,6 +70,7 @@ struct DetectorCounters {
   std::uint64_t quads = 0;     // found in the image itself or in a part of it
   std::uint64_t no_edge = 0;   // a side had no clean edge
   std::uint64_t no_code = 0;   // no border, or a code that is not in the dictionary
+  std::uint64_t unlike = 0;    // a code whose print it does not look like
   std::uint64_t merged = 0;    // another outline of a print that was found already
   std::uint64_t rejected = 0;  // rejected a few frames ago, and not looked at again
 };

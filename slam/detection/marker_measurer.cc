@@ -19,6 +19,12 @@ double meanBlur_px(const SideFits& edges) {
   return 0.25 * sum;
 }
 
+double meanVariance(const SideFits& edges) {
+  double sum = 0.0;
+  for (const EdgeFit& edge : edges) sum += edge.variance;
+  return 0.25 * sum;
+}
+
 // As they look in an image of twice the size, if the sensor's noise is all there is.
 SideFits atTwiceTheSize(SideFits edges) {
   for (EdgeFit& edge : edges) {
@@ -110,8 +116,13 @@ Measurement MarkerMeasurer::measureIn(const PlacedImage& placed, const ImageView
       reading.match.rotation != 0) {
     return {.marker = {}, .has_edges = true};
   }
+  const double likeness = decoder_.likeness(id, meanVariance(exact->edges));
+  if (likeness < decoder_.options().min_likeness) {
+    return {.marker = {}, .has_edges = true, .is_unlike = true};
+  }
   MeasuredMarker measured;
   measured.detection.id = id;
+  measured.detection.likeness = likeness;
   measured.detection.hamming = reading.match.hamming;
   measured.detection.pixels = exact->pixels;
   measured.detection.normalized = exact->normalized;

@@ -51,7 +51,8 @@ struct MeasuredMarker {
 // What came of a look at a marker.
 struct Measurement {
   std::optional<MeasuredMarker> marker;
-  bool has_edges = false;  // if there is none: its sides have clean edges, but it has no code
+  bool has_edges = false;  // if there is none: its sides have clean edges, but it has no code, ...
+  bool is_unlike = false;  // ... or one whose print it does not look like
 };
 
 class MarkerMeasurer {

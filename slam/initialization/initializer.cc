@@ -1,5 +1,7 @@
 #include "slam/initialization/initializer.h"
 
+#include <algorithm>
+#include <iterator>
 #include <utility>
 #include <variant>
 
@@ -28,6 +30,7 @@ std::string InitializationOptions::invalidReason() const {
   return firstReason({
       firstUnmet({
           {ambiguity_ratio >= 1.0, "ambiguity ratios must be at least 1"},
+          {isShare(min_likeness), "the likeness of a marker that starts a map must be from 0 to 1"},
           {attempts >= 1, "initialization needs at least 1 attempt"},
       }),
       two_frame.invalidReason(),
@@ -40,8 +43,12 @@ std::optional<Start> Initializer::process(const Keyframe& frame) {
     reason_ = NoPoseReason::kNoMarker;
     return std::nullopt;
   }
-  std::vector<InitialMarker> markers = initializeFromOneFrame(
-      frame.detections, markers_, focal_px_, options_.ambiguity_ratio, options_.square);
+  std::vector<MarkerDetection> sure;
+  std::ranges::copy_if(frame.detections, std::back_inserter(sure), [this](const auto& detection) {
+    return detection.likeness >= options_.min_likeness;
+  });
+  std::vector<InitialMarker> markers =
+      initializeFromOneFrame(sure, markers_, focal_px_, options_.ambiguity_ratio, options_.square);
   if (!markers.empty()) {
     Start start{{frame}, std::move(markers)};
     start.keyframes[0].T_w_c = Transform{};

@@ -16,6 +16,9 @@ struct InitializationOptions {
   // tau_e of Eq. 14: how much worse a marker's other pose must fit for it to start a map alone.
   // Larger starts later, smaller may start from the wrong one.
   double ambiguity_ratio = 3.0;
+  // Least likeness of a marker to its print (code_likeness.h) for it to start a map alone: what is
+  // none is seldom read twice. Larger starts later where markers are small and blurred.
+  double min_likeness = 0.85;
   // n: after this many frames without a start, f^0 is replaced by the newest one. Too few never
   // reach a baseline, too many hold on to a frame with nothing in common.
   int attempts = 60;

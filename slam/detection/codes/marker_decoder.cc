@@ -5,7 +5,9 @@
 #include <cstdint>
 #include <numbers>
 #include <optional>
+#include <utility>
 
+#include "slam/detection/codes/code_likeness.h"
 #include "slam/geometry/homography.h"
 #include "slam/option_checks.h"
 
@@ -54,6 +56,7 @@ std::string MarkerDecoderOptions::invalidReason() const {
       {isShare(max_wrong_border) && isShare(max_wrong_rough_border),
        "the shares of wrong border cells must be from 0 to 1"},
       {isPositive(min_contrast), "the least contrast of a border must be positive"},
+      {isShare(min_likeness), "the least likeness of a marker must be from 0 to 1"},
       {isNotNegative(straight_bend), "the bend of a straight print must not be negative"},
       {isPositive(large_cell_px), "the size of a large cell must be positive"},
       {sample_spread >= 0.0 && sample_spread < 0.5,
@@ -141,10 +144,16 @@ QuadReading MarkerDecoder::read(const ImageView& image, const Corners& corners) 
 
   float black = 0.0F;
   border_.clear();
+  levels_.resize(static_cast<std::size_t>(dictionary_.cells() * dictionary_.cells()));
+  const auto levelOf = [&](int row, int column) -> float& {
+    return levels_[static_cast<std::size_t>(row * dictionary_.cells() + column)];
+  };
   for (int i = 0; i < last; ++i) {
-    for (const float level : {greyOf(image, 0, i), greyOf(image, i, last),
-                              greyOf(image, last, i + 1), greyOf(image, i + 1, 0)}) {
+    for (const auto& [row, column] :
+         {std::pair(0, i), std::pair(i, last), std::pair(last, i + 1), std::pair(i + 1, 0)}) {
+      const float level = greyOf(image, row, column);
       if (level < 0.0F) return {};
+      levelOf(row, column) = level;
       border_.push_back(level);
       black += level;
     }
@@ -165,6 +174,7 @@ QuadReading MarkerDecoder::read(const ImageView& image, const Corners& corners) 
     for (int column = 1; column < last; ++column) {
       const float level = greyOf(image, row, column);
       if (level < 0.0F) return {};
+      levelOf(row, column) = level;
       code = (code << 1U) | (level > threshold ? 1U : 0U);
     }
   }
@@ -174,6 +184,10 @@ QuadReading MarkerDecoder::read(const ImageView& image, const Corners& corners) 
     reading.match = *match;
   }
   return reading;
+}
+
+double MarkerDecoder::likeness(int id, double variance) const {
+  return codeLikeness(dictionary_, id, levels_, variance);
 }
 
 }  // namespace waymark::slam

@@ -26,6 +26,9 @@ struct MarkerDecoderOptions {
   double max_wrong_rough_border = 0.35;
   // Least mean difference between the border and what surrounds it, grey levels.
   double min_contrast = 10.0;
+  // Least likeness of a measured marker to its print (code_likeness.h). What reads as a code and
+  // was none had 0.39 to 0.56 and seldom 0.8; markers of 12 pixels in dim, blurred images 0.62.
+  double min_likeness = 0.6;
   // Where the lens bends a print by less than this, a share of a cell, it is taken for straight:
   // no cell notices, and it costs less.
   double straight_bend = 0.1;
@@ -62,6 +65,11 @@ class MarkerDecoder {
   // `corners`: normalized, clockwise in the image, starting anywhere.
   [[nodiscard]] QuadReading read(const ImageView& image,
                                  const std::array<Eigen::Vector2d, 4>& corners);
+  // How much the square that was read last looks like the print of `id` (code_likeness.h).
+  // variance: of the image's noise. Precondition: it read as that marker, with rotation 0.
+  [[nodiscard]] double likeness(int id, double variance) const;
+
+  [[nodiscard]] const MarkerDecoderOptions& options() const { return options_; }
 
  private:
   using Corners = std::array<Eigen::Vector2d, 4>;
@@ -82,6 +90,7 @@ class MarkerDecoder {
   std::vector<Eigen::Vector2f> centres_;  // of the cells, pixels; with the ring, row by row
   bool large_cells_ = false;              // in this quad
   std::vector<float> border_;             // grey levels of its cells
+  std::vector<float> levels_;             // of all cells with the border's, row by row
 };
 
 }  // namespace waymark::slam

@@ -354,17 +354,22 @@ bool fillCovariance(const Subject& subject, const Sums& sums, int level, Picture
 void judge(const Subject& subject, PhotometricFit whole, int level, PictureAlignment* result) {
   constexpr int kLeastPixels = 16;  // of a block
   PixelBlock agreeing;
-  int agreed = 0;
+  std::vector<double> correlations;  // of these, one by one
   for (const auto& [place, block] : whole.blocks(result->T_c_p, subject.options.block_px)) {
     if (block.count < kLeastPixels) continue;
     if (block.contrast() < subject.options.block_contrast) continue;
     ++result->textured_blocks;
     if (block.correlation() < subject.options.block_correlation) continue;
-    ++agreed;
+    correlations.push_back(block.correlation());
     agreeing.add(block);
   }
   if (result->textured_blocks > 0) {
-    result->agreeing_share = static_cast<double>(agreed) / result->textured_blocks;
+    result->agreeing_share = static_cast<double>(correlations.size()) / result->textured_blocks;
+  }
+  if (!correlations.empty()) {
+    const auto middle = correlations.begin() + static_cast<std::ptrdiff_t>(correlations.size() / 2);
+    std::ranges::nth_element(correlations, middle);
+    result->block_correlation = *middle;
   }
   result->correlation = agreeing.correlation();
   const double covered = coveredArea_px(subject.marker, result->T_c_p, subject.rays->camera());

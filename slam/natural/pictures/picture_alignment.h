@@ -74,8 +74,10 @@ struct PictureAlignment {
   // Of the blocks with texture, those that agree; and how many there are.
   double agreeing_share = 0.0;
   int textured_blocks = 0;
-  // Of expected and seen grey levels, over the blocks that agree.
+  // Of expected and seen grey levels, over the blocks that agree, and within the middle one of
+  // them: what is hidden cuts through some.
   double correlation = 0.0;
+  double block_correlation = 0.0;
 };
 
 // Empty when the picture is not in the image from `start`, or the alignment comes to nothing.

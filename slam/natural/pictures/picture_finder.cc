@@ -33,7 +33,9 @@ double tiltOf(const Transform& T_c_p) {
 std::string PictureFinderOptions::invalidReason() const {
   return firstReason({firstUnmet({
                           {max_image_features >= 10, "an image needs at least 10 features"},
-                          {isShare(min_correlation), "the least correlation is from 0 to 1"},
+                          {isShare(min_correlation) && isShare(min_block_correlation),
+                           "the least correlation is from 0 to 1"},
+                          {isShare(whole_share), "the share of a whole picture is from 0 to 1"},
                           {isShare(min_agreeing_share), "the share that agrees is from 0 to 1"},
                           {min_agreeing_blocks >= 1, "at least 1 block of a picture must agree"},
                           {max_tilt_rad > 0.0 && max_tilt_rad < 0.5 * std::numbers::pi,
@@ -84,7 +86,9 @@ std::vector<ImageFeature> PictureFinder::undistorted(const FeatureSet& features,
 
 bool PictureFinder::looksRight(const PictureAlignment& a) const {
   const double agreeing_blocks = a.agreeing_share * a.textured_blocks;
+  const bool whole = a.agreeing_share >= options_.whole_share;
   return a.correlation >= options_.min_correlation &&
+         (whole || a.block_correlation >= options_.min_block_correlation) &&
          a.agreeing_share >= options_.min_agreeing_share &&
          agreeing_blocks >= options_.min_agreeing_blocks - 0.5 &&
          tiltOf(a.T_c_p) <= options_.max_tilt_rad;

@@ -28,6 +28,11 @@ struct PictureFinderOptions {
   double min_correlation = 0.85;
   double min_agreeing_share = 0.35;
   int min_agreeing_blocks = 8;
+  // Where less than this share agrees, the middle one of the blocks that do has to by this. A print
+  // of the same layout has its lines and margins in the same places: 0.76 to 0.87. One that is
+  // hidden in part shows the rest as it is: 0.97 and more, 0.88 where it is not so much hidden.
+  double whole_share = 0.65;
+  double min_block_correlation = 0.92;
   // Whatever the grey levels say: a picture is not seen flatter than this, radians from its normal.
   double max_tilt_rad = 1.40;
   // The other pose that a plane leaves open is one of its own when turned by this, radians; and
