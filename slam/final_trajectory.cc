@@ -5,8 +5,7 @@
 #include <cstddef>
 #include <utility>
 
-#include "base/elapsed.h"
-#include "slam/geometry/moved_on.h"
+#include "slam/final_smoother.h"
 #include "slam/slam.h"
 #include "slam/tracking/single_marker_view.h"
 
@@ -113,102 +112,50 @@ std::optional<PoseEstimate> poseOfOneMarker(const PosesOfOneMarker& both,
   return pose;
 }
 
+bool wasCarried(const LiveFrame& frame, const std::optional<PoseEstimate>& placed) {
+  if (placed || !frame.pose) return false;
+  return frame.pose->source != PoseSource::kMarkers || frame.pose->features_used > 0;
+}
+
+double positionVariance(const Matrix6d& covariance) {
+  return covariance.topLeftCorner<3, 3>().trace();
+}
+
 // Frames between markers, whose poses were carried live by natural features, and those whose
-// markers (a single one, far away) say less than the features did: from one frame with good markers
-// to the next one, the live poses, corrected by what the two ends turned out to be off, the second
-// one's share growing with the time.
-class GapFiller {
- public:
-  GapFiller(std::span<const LiveFrame> frames, std::vector<std::optional<PoseEstimate>>* poses)
-      : frames_(frames), poses_(*poses) {}
+// markers (a single one, far away) say less than that, the frames around and the features do.
+void fillGaps(std::span<const LiveFrame> frames, std::vector<std::optional<PoseEstimate>>* poses) {
+  const auto used_features = [](const LiveFrame& frame) {
+    return frame.pose && frame.pose->features_used > 0;
+  };
+  if (std::ranges::none_of(frames, used_features)) return;
+  const auto smoothed = smoothTrajectory(frames, *poses);
+  for (std::size_t i = 0; i < frames.size(); ++i) {
+    std::optional<PoseEstimate>& pose = (*poses)[i];
+    if (!smoothed[i]) continue;
+    const Matrix6d& covariance = smoothed[i]->covariance;
+    const bool says_less = pose && used_features(frames[i]) &&
+                           positionVariance(pose->view_covariance) > positionVariance(covariance);
+    if (!says_less && !wasCarried(frames[i], pose)) continue;
+    // What the map does not know of its markers stays.
+    const PoseEstimate& of_world = pose ? *pose : *frames[i].pose;
+    const Matrix6d in_world = of_world.covariance - of_world.view_covariance;
+    pose = frames[i].pose;
+    pose->T_w_c = smoothed[i]->T_w_c;
+    pose->view_covariance = covariance;
+    pose->covariance = covariance + in_world;
+  }
+}
 
-  void fill() {
-    for (std::size_t i = 0; i < frames_.size(); ++i) {
-      if (saysLessThanLive(i)) poses_[i].reset();
-    }
-    std::optional<std::size_t> before;
-    std::size_t i = 0;
-    while (i < frames_.size()) {
-      if (!wasCarried(i)) {
-        before.reset();
-        if (hasBoth(i)) before = i;
-        ++i;
-        continue;
-      }
-      std::size_t end = i;
-      while (end < frames_.size() && wasCarried(end)) ++end;
-      fill(before, i, end);
-      before.reset();
-      i = end;
-    }
+// Where no pose is from markers, live or now (pictures alone), nothing is known better than live.
+void keepLive(std::span<const LiveFrame> frames, std::vector<std::optional<PoseEstimate>>* poses) {
+  const auto of_markers = [](const LiveFrame& frame) {
+    return frame.pose && frame.pose->source == PoseSource::kMarkers;
+  };
+  if (std::ranges::any_of(frames, of_markers)) return;
+  for (std::size_t i = 0; i < frames.size(); ++i) {
+    if (wasCarried(frames[i], (*poses)[i])) (*poses)[i] = frames[i].pose;
   }
-
-  // Where no pose is from markers, live or now (pictures alone), nothing is known better than live.
-  void keepLive() {
-    const auto of_markers = [](const LiveFrame& frame) {
-      return frame.pose && frame.pose->source == PoseSource::kMarkers;
-    };
-    if (std::ranges::any_of(frames_, of_markers)) return;
-    for (std::size_t i = 0; i < frames_.size(); ++i) {
-      if (wasCarried(i)) poses_[i] = frames_[i].pose;
-    }
-  }
-
- private:
-  [[nodiscard]] bool wasCarried(std::size_t i) const {
-    if (poses_[i] || !frames_[i].pose) return false;
-    return frames_[i].pose->source != PoseSource::kMarkers || frames_[i].pose->features_used > 0;
-  }
-  // By twice, as seen from what both rest on.
-  [[nodiscard]] bool saysLessThanLive(std::size_t i) const {
-    constexpr double kVarianceRatio = 4.0;
-    if (!poses_[i] || !frames_[i].pose || frames_[i].pose->features_used == 0) return false;
-    const auto variance = [](const PoseEstimate& pose) {
-      return pose.view_covariance.topLeftCorner<3, 3>().trace();
-    };
-    return variance(*poses_[i]) > kVarianceRatio * variance(*frames_[i].pose);
-  }
-  [[nodiscard]] bool hasBoth(std::size_t i) const { return poses_[i] && frames_[i].pose; }
-  [[nodiscard]] double secondsBetween(std::size_t from, std::size_t to) const {
-    return waymark::secondsBetween(frames_[from].monotonic_ns, frames_[to].monotonic_ns);
-  }
-
-  // T_final_live of the last carried frame, as the next frame with markers says; its motion in
-  // between was told live.
-  [[nodiscard]] std::optional<Transform> correctionAtEnd(std::size_t last) const {
-    const std::size_t next = last + 1;
-    if (next >= frames_.size() || !hasBoth(next)) return std::nullopt;
-    const PoseEstimate& live = *frames_[last].pose;
-    return poses_[next]->T_w_c *
-           movedOn(live.T_w_c, live.twist, secondsBetween(last, next)).inverse();
-  }
-
-  // Where only one end is known, all of it is off by as much.
-  void fill(const std::optional<std::size_t>& before, std::size_t begin, std::size_t end) {
-    const auto at_end = correctionAtEnd(end - 1);
-    if (!before && !at_end) return;
-    const Transform at_begin =
-        before ? poses_[*before]->T_w_c * frames_[*before].pose->T_w_c.inverse() : *at_end;
-    for (std::size_t i = begin; i < end; ++i) {
-      PoseEstimate pose = *frames_[i].pose;
-      const Transform live = pose.T_w_c;
-      pose.T_w_c = at_begin * live;
-      if (before && at_end) {
-        // Between two known ends an error is as large as from the nearer one at most.
-        const double share = secondsBetween(*before, i) / secondsBetween(*before, end);
-        const Vector6d apart = pose.T_w_c.localCoordinates(*at_end * live);
-        pose.T_w_c = pose.T_w_c.retract(share * apart);
-        pose.covariance = (1.0 - share) * pose.covariance + share * poses_[end]->covariance;
-        pose.view_covariance =
-            (1.0 - share) * pose.view_covariance + share * poses_[end]->view_covariance;
-      }
-      poses_[i] = pose;
-    }
-  }
-
-  std::span<const LiveFrame> frames_;
-  std::vector<std::optional<PoseEstimate>>& poses_;
-};
+}
 
 // The live frames as one piece of the map knows them: poses of others are none to it.
 std::vector<LiveFrame> framesOf(std::span<const LiveFrame> frames, int piece, const Slam& slam) {
@@ -239,11 +186,10 @@ std::vector<std::optional<PoseEstimate>> localizeIn(const Map& map,
                                  poses[i], options.single_marker);
     }
   }
-  GapFiller filler(frames, &poses);
   if (any) {
-    filler.fill();
+    fillGaps(frames, &poses);
   } else {
-    filler.keepLive();
+    keepLive(frames, &poses);
   }
   return poses;
 }

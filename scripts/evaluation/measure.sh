@@ -96,28 +96,58 @@ measure_long() {
     '{run: $run.name, made: $made, reports: $reports[0]}' | write_json "$2"
 }
 
-# measure_gaps RUN FILE: poses between markers.
+# measure_gaps RUN FILE: poses between markers; a row may have a figure of its first run.
 measure_gaps() {
+  local arguments figure
   run_bench gaps "$1"
+  figure=$(jq -r '.figure // ""' <<< "$1")
+  if [[ -n $figure ]]; then
+    mapfile -t arguments < <(jq -r '.arguments[]' <<< "$1")
+    build/release/tests/bench/gaps "${arguments[@]}" --figure "$figure"
+  fi
   jq -n --argjson run "$1" --argjson made "$(provenance)" --slurpfile report "$work/gaps.json" \
     '{run: $run.name, made: $made, report: $report[0][0]}' | write_json "$2"
 }
 
-# measure_targets NAME FILE: the targets on the scene `table`, seen from poses that come from one
-# natural marker and what is between.
+# map_of_one_marker TRUTH_MAP ID FILE: a map.json that has this marker where it is.
+map_of_one_marker() {
+  jq -r --argjson id "$2" '.markers[] | select(.id == $id) | "%YAML:1.0\n---\n"
+    + "aruco_bc_dict: ARUCO_MIP_36h12\naruco_bc_nmarkers: 1\naruco_bc_mInfoType: 1\n"
+    + "aruco_bc_markers:\n   - { id:\(.id), corners:\(.corners | tojson) }"' "$1" > "$work/one.yml"
+  "$waymark" map import --format aruco "$work/one.yml" "$3" >&2
+}
+
+# run_from_one PLACE FROM: poses of one recording of the scene `table` into $work/out, from what
+# is at one place: a natural marker, or by its number the marker in its place.
+run_from_one() {
+  local from=$2 run=("$waymark" run "$2/frames.avi" --calibration "$2/calib.yml" --quiet)
+  rm -rf "$work/out"
+  if [[ $1 == [A-F] ]]; then
+    "${run[@]}" --marker-size 0.1 --dictionary 4X4_50 --natural "$from/natural_$1.json" \
+      --out "$work/out"
+  else
+    map_of_one_marker "$from/gt_map.json" "$1" "$work/one.json"
+    "${run[@]}" --marker-size "$(jq '.markers[0].size' "$from/gt_map.json")" \
+      --dictionary ARUCO_MIP_36h12 --map-in "$work/one.json" --localize-only --out "$work/out"
+  fi || [[ $? -eq 3 ]]
+}
+
+# measure_targets TARGET FILE: the targets on the scene `table`, seen from poses that come from one
+# natural marker, or one marker in its place, and what is between.
 measure_targets() {
-  local seed from
+  local seed from place scene
+  place=$(jq -r .place <<< "$1")
+  scene=table
+  [[ $(jq 'has("marker")' <<< "$1") == false ]] || scene=table_fiducials
   rm -f "$work"/targets-*.json
   for seed in ${seeds:-1 2 3}; do
-    from=$(dirname "$(render table --seed "$seed")")
-    rm -rf "$work/out"
-    "$waymark" run "$from/frames.avi" --calibration "$from/calib.yml" --quiet --marker-size 0.1 \
-      --dictionary 4X4_50 --natural "$from/natural_$1.json" --out "$work/out" || [[ $? -eq 3 ]]
-    build/release/tests/bench/targets "$from" "$work/out/trajectory.tum" --during "table $1" \
+    from=$(dirname "$(render "$scene" --seed "$seed")")
+    run_from_one "$(jq -r '.marker // .place' <<< "$1")" "$from"
+    build/release/tests/bench/targets "$from" "$work/out/trajectory.tum" --during "table $place" \
       --json "$work/targets-$seed.json" >&2
   done
-  jq -n --arg name "$1" --argjson made "$(provenance)" '{name: $name, made: $made, seeds: [inputs]}' \
-    "$work"/targets-*.json | write_json "$2"
+  jq -n --arg name "$(jq -r .name <<< "$1")" --argjson made "$(provenance)" \
+    '{name: $name, made: $made, seeds: [inputs]}' "$work"/targets-*.json | write_json "$2"
 }
 
 # reversed_images FROM TO: the images of a directory, last first, under new names.

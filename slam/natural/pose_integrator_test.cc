@@ -198,6 +198,23 @@ TEST_F(PoseIntegratorTest, OneContradictionIsNotBelievedThreeAre) {
   EXPECT_EQ(counters_.filter_restarts, 1U);
 }
 
+// After a second in the dark the filter is uncertain enough not to contradict a marker that is not
+// where its features are.
+TEST_F(PoseIntegratorTest, AFilterAtOddsWithItsMarkersBeginsAnew) {
+  begin();
+  for (int i = 0; i < 30; ++i) (void)step(See::kNothing);
+  constexpr double kOff_m = 0.1;
+  int followed = 0;
+  for (int i = 0; i < 12; ++i) followed += step(See::kAll, kOff_m).followed ? 1 : 0;
+  EXPECT_EQ(followed, 12);
+  EXPECT_GE(counters_.filter_restarts, 1U);
+  for (int i = 0; i < 30; ++i) {
+    const Frame frame = step(See::kWallOnly);
+    ASSERT_TRUE(frame.pose) << i;
+    EXPECT_NEAR(frame.pose->T_w_c.p.x() - truth_.p.x(), kOff_m, 0.03) << i;
+  }
+}
+
 TEST_F(PoseIntegratorTest, FollowsTheWorldsCoordinates) {
   begin();
   ASSERT_TRUE(step(See::kWallOnly).pose);

@@ -28,6 +28,7 @@
 #include "simulator/simulation.h"
 #include "slam/slam.h"
 #include "tests/bench/command_line.h"
+#include "tests/bench/gap_figure.h"
 #include "tests/bench/gap_report.h"
 #include "tests/bench/kept_frames.h"
 #include "tools/exit_code.h"
@@ -49,8 +50,16 @@ struct Arguments {
   double duration_s = 0.0;
   bool there_and_back = false;
   bool every_gap = false;
-  std::string json;  // a file; empty: none
-  std::string keep;  // a folder; empty: none
+  std::string json;    // a file; empty: none
+  std::string keep;    // a folder; empty: none
+  std::string figure;  // a file; empty: none
+};
+
+// One run of a scene.
+struct Run {
+  std::string scene;
+  std::uint64_t seed = 1;
+  bool natural = true;  // features between the markers
 };
 
 std::optional<Carried> carried(const slam::PoseEstimate& pose, const Transform& truth,
@@ -173,11 +182,11 @@ void addMap(const slam::Map& map, const simulator::Simulation& simulation, GapRe
   if (farthest_m > 0.0) report->distance_errors_mm.push_back(error_mm);
 }
 
-Status runOnce(const Arguments& arguments, const std::string& scene, std::uint64_t seed,
-               GapReport* report) {
+// track: where each pose is; may be null.
+Status runOnce(const Arguments& arguments, const Run& run, GapReport* report, GapTrack* track) {
   simulator::Options asked;
-  asked.scene = scene;
-  asked.seed = seed;
+  asked.scene = run.scene;
+  asked.seed = run.seed;
   if (arguments.width > 0) asked.size = simulator::ImageSize{arguments.width, arguments.height};
   if (arguments.rate_hz > 0.0) asked.rate_hz = arguments.rate_hz;
   if (arguments.duration_s > 0.0) asked.duration_s = arguments.duration_s;
@@ -188,6 +197,7 @@ Status runOnce(const Arguments& arguments, const std::string& scene, std::uint64
   const simulator::Simulation& simulation = **made;
   slam::Options options;
   options.markers.size_m = simulation.markers().front().size_m;
+  options.natural.enabled = run.natural;
   slam::Slam slam(slam::CameraModel(simulation.camera()),
                   *slam::Dictionary::byName(asked.dictionary), options);
 
@@ -199,6 +209,7 @@ Status runOnce(const Arguments& arguments, const std::string& scene, std::uint64
       simulation, keeps && arguments.there_and_back ? arguments.keep + "/closed" : arguments.keep);
   Follower follower(report);
   std::optional<Transform> T_w_scene;
+  std::optional<Eigen::Vector3d> before;  // where the last pose was, in the scene
   int last_marker = -1;
   for (std::int64_t k = 0; k < simulation.frameCount(); ++k) {
     frames.next(k, &pixels);
@@ -219,21 +230,45 @@ Status runOnce(const Arguments& arguments, const std::string& scene, std::uint64
       if (!by_markers) break;
       if (slam.map().findPosed(detection.id) != nullptr) last_marker = detection.id;
     }
-    follower.add(time_s, result, simulation.poseAt(k), *T_w_scene,
-                 byMarker(slam.map(), simulation, last_marker).value_or(*T_w_scene));
+    const Transform by_marker = byMarker(slam.map(), simulation, last_marker).value_or(*T_w_scene);
+    follower.add(time_s, result, simulation.poseAt(k), *T_w_scene, by_marker);
+    if (track == nullptr || !result.pose) continue;
+    const Eigen::Vector3d p = (by_marker.inverse() * result.pose->T_w_c).p;
+    const double way_m = track->samples.empty() ? 0.0 : track->samples.back().way_m;
+    track->samples.push_back(
+        {time_s, p - simulation.poseAt(k).p, way_m + (p - before.value_or(p)).norm()});
+    before = p;
   }
   slam.finish();
   addMap(slam.map(), simulation, report);
   return success();
 }
 
+// The first seed of the first scene, with features between the markers and with markers alone.
+Status drawFigure(const Arguments& arguments) {
+  std::vector<GapTrack> tracks = {{"markers and features", {}}, {"markers alone", {}}};
+  for (GapTrack& track : tracks) {
+    GapReport nobodys;
+    const bool natural = &track == &tracks.front();
+    const Status done =
+        runOnce(arguments, {arguments.scenes.front(), arguments.seed, natural}, &nobodys, &track);
+    if (!done) return done.error();
+  }
+  double duration_s = 0.0;
+  for (const GapTrack& track : tracks) {
+    if (!track.samples.empty()) duration_s = std::max(duration_s, track.samples.back().time_s);
+  }
+  return io::writeTextFile(arguments.figure, gapFigure(tracks, duration_s));
+}
+
 tools::ExitCode run(const Arguments& arguments) {
+  if (!arguments.figure.empty()) return exitCodeOf("gaps", drawFigure(arguments));
   io::Json all = io::Json::array();
   for (const std::string& scene : arguments.scenes) {
     GapReport report;
     for (int i = 0; i < arguments.runs; ++i) {
-      const Status done =
-          runOnce(arguments, scene, arguments.seed + static_cast<std::uint64_t>(i), &report);
+      const Run one{scene, arguments.seed + static_cast<std::uint64_t>(i)};
+      const Status done = runOnce(arguments, one, &report, nullptr);
       if (!done) {
         std::fprintf(stderr, "gaps: %s\n", done.error().message.c_str());
         return tools::kBadInput;
@@ -272,6 +307,8 @@ int main(int argc, char** argv) {
   app.add_option("--keep", arguments.keep,
                  "Rendered frames are kept in this folder, and taken from there");
   app.add_option("--json", arguments.json, "All of it into this file as well");
+  app.add_option("--figure", arguments.figure,
+                 "Only draw the first run, and the same with markers alone, into this file (SVG)");
   if (const auto exit_code = bench::parse(app, argc, argv)) return *exit_code;
   if (arguments.width > 0 && arguments.height == 0) {
     std::fprintf(stderr, "gaps: --width needs --height\n");
