@@ -47,16 +47,18 @@ def goals_missed:
     (select(live_ratio > 2) | "live / final") ];
 def verdict: if length == 0 then "yes" else "**no: \(join(", "))**" end;
 
+# The limit is of markers seen together; between gaps it says nothing.
 def accuracy_row($row):
   if .final == null then [.row, .seed, "0 of \(.stats.frames)"] + [range(9) | "–"] + ["**no: no pose**", "", .made.commit]
   else target($row; .) as $t |
     [ .row, .seed, "\(.stats.localized) of \(.stats.frames)", (.live.in_view.share | percent),
       (.live.ate_m.mean | mm), (.final.ate_m.mean | mm),
       "\(.final.ace_m.mean | mm) (\(.final.common_markers))",
-      "\(.final.limit.ate_m.mean | mm) / \(.final.limit.ace_m.mean | mm)",
-      "\(ate_ratio | digits) / \(ace_ratio | digits)", (live_ratio | digits),
+      (if $row.gaps then "–" else "\(.final.limit.ate_m.mean | mm) / \(.final.limit.ace_m.mean | mm)" end),
+      (if $row.gaps then "–" else "\(ate_ratio | digits) / \(ace_ratio | digits)" end), (live_ratio | digits),
       (.final.limit.corner_rms_px | digits), target_text($t),
-      (if $t == null then "–" else missed($t) | verdict end), (goals_missed | verdict),
+      (if $t == null then "–" else missed($t) | verdict end),
+      (if $row.gaps then "–" else goals_missed | verdict end),
       .made.commit ] end;
 
 def main_rows: [$plan.rows[] | select(.target)] ;
@@ -150,7 +152,7 @@ def gap_table:
              (if $missed == null then "" else ($missed | verdict)
                 + (if $missed == [] and .ends.lost > 0 then ", where there is a pose" else "" end) end), $version] end]);
 
-def target_missed($t): [.seeds[] | select((.during_px.mean // 1e9) > $t) | "mean"];
+def target_missed($t): [.seeds[] | select((.during_px.mean // 1e9) > $t) | "mean"] | unique;
 def by_seed(f): [.seeds[] | f | if . then digits else "none" end] | join(", ");
 def target_table:
   table(["natural marker", "from, m", "frames with a pose, by seed", "before the table: mean, px", "standard deviation, px",
