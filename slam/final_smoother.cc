@@ -4,7 +4,6 @@
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
-#include <utility>
 
 #include <Eigen/Cholesky>
 #include <Eigen/Eigenvalues>
@@ -37,9 +36,6 @@ struct Motion {
   Matrix6d covariance = Matrix6d::Zero();
 };
 
-// Errors of the place before, at the place now: turned about it.
-Matrix6d carriedOn(const Eigen::Vector3d& way_w) { return rigidTransport(way_w); }
-
 // As large as the eigenvalues, whatever their sign.
 Matrix6d absolute(const Matrix6d& symmetric) {
   const Eigen::SelfAdjointEigenSolver<Matrix6d> solver(symmetric);
@@ -63,7 +59,7 @@ Motion motionBetween(const LiveFrame& before, const LiveFrame& now) {
   const bool moved =
       apart.head<3>().norm() < kSigmas * sigma_m && apart.tail<3>().norm() < kSigmas * sigma_rad;
   if (!by_features || !moved) return {expected, independentCovariance(sigma_m, sigma_rad)};
-  const Matrix6d F = carriedOn(now.pose->T_w_c.p - before.pose->T_w_c.p);
+  const Matrix6d F = rigidTransport(now.pose->T_w_c.p - before.pose->T_w_c.p);
   return {told,
           absolute(now.pose->view_covariance - F * before.pose->view_covariance * F.transpose())};
 }
@@ -90,7 +86,7 @@ class Stretch {
   };
   struct Step {
     Transform T_w_c;           // by the motion alone
-    Matrix6d F;                // from the frame before
+    Matrix6d F;                // errors of the frame before, at this one's place
     Matrix6d motion;           // covariance
     State expected, filtered;  // before and after the frame's markers
   };
@@ -113,7 +109,7 @@ class Stretch {
       step.motion = turnedCovariance(T_map_chain.R, step.motion);
     }
     for (std::size_t i = 1; i < steps_.size(); ++i) {
-      steps_[i].F = carriedOn(steps_[i].T_w_c.p - steps_[i - 1].T_w_c.p);
+      steps_[i].F = rigidTransport(steps_[i].T_w_c.p - steps_[i - 1].T_w_c.p);
     }
   }
 
