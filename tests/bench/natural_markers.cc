@@ -438,7 +438,7 @@ int main(int argc, char** argv) {
       ->capture_default_str()
       ->check(CLI::PositiveNumber);
   app.add_option("--seed", arguments.seed)->capture_default_str();
-  app.add_option("--kinds", arguments.kinds, "sift, brisk, akaze, orb; none")->delimiter(',');
+  app.add_option("--kinds", arguments.kinds, "sift, brisk, akaze, orb")->delimiter(',');
   app.add_option("--known", arguments.numbers, "How many pictures are known")
       ->delimiter(',')
       ->check(CLI::Range(1, 10'000));
