@@ -127,7 +127,6 @@ void fillGaps(std::span<const LiveFrame> frames, std::vector<std::optional<PoseE
   const auto used_features = [](const LiveFrame& frame) {
     return frame.pose && frame.pose->features_used > 0;
   };
-  if (std::ranges::none_of(frames, used_features)) return;
   const auto smoothed = smoothTrajectory(frames, *poses);
   for (std::size_t i = 0; i < frames.size(); ++i) {
     std::optional<PoseEstimate>& pose = (*poses)[i];

@@ -182,7 +182,6 @@ TEST_F(NaturalMarkersTest, ASurveyedPosterFixesTheWorldOfAMapThatIsThereAlready)
   EXPECT_GE(in_survey, 30);
 }
 
-// The same frames, the same answers: the same poses to the last bit.
 // A world that is surveyed does not begin at a poster that nobody has surveyed.
 TEST_F(NaturalMarkersTest, OnlyASurveyedPosterBeginsASurveyedWorld) {
   start(2, 1);
@@ -227,6 +226,7 @@ TEST_F(NaturalMarkersTest, APosterOfTheSameLayoutIsNotTakenForAnother) {
   EXPECT_GT(proposed, 0) << "nothing looked alike";
 }
 
+// The same frames, the same answers: the same poses to the last bit.
 TEST_F(NaturalMarkersTest, IsDeterministic) {
   std::vector<Transform> runs[2];
   for (std::vector<Transform>& run : runs) {

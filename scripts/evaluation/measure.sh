@@ -82,29 +82,27 @@ measure_corners() {
                           consistency}]}' "$work/corners.json" | write_json "$1"
 }
 
-# run_bench BENCH RUN: with the arguments of its row; what it says is in $work/BENCH.json.
+# run_bench BENCH RUN ARGUMENT...: with the arguments of its row, and these.
 run_bench() {
   local arguments
   mapfile -t arguments < <(jq -r '.arguments[]' <<< "$2")
-  "build/release/tests/bench/$1" "${arguments[@]}" --json "$work/$1.json" >&2
+  "build/release/tests/bench/$1" "${arguments[@]}" "${@:3}" >&2
 }
 
 # measure_long RUN FILE: very many frames of simulated corners.
 measure_long() {
-  run_bench long_run "$1"
+  run_bench long_run "$1" --json "$work/long_run.json"
   jq -n --argjson run "$1" --argjson made "$(provenance)" --slurpfile reports "$work/long_run.json" \
     '{run: $run.name, made: $made, reports: $reports[0]}' | write_json "$2"
 }
 
 # measure_gaps RUN FILE: poses between markers; a row may have a figure of its first run.
 measure_gaps() {
-  local arguments figure
-  run_bench gaps "$1"
+  local figure keep=()
   figure=$(jq -r '.figure // ""' <<< "$1")
-  if [[ -n $figure ]]; then
-    mapfile -t arguments < <(jq -r '.arguments[]' <<< "$1")
-    build/release/tests/bench/gaps "${arguments[@]}" --figure "$figure"
-  fi
+  [[ -z $figure ]] || keep=(--keep "$work/frames") # rendered once for both
+  run_bench gaps "$1" "${keep[@]}" --json "$work/gaps.json"
+  [[ -z $figure ]] || run_bench gaps "$1" "${keep[@]}" --figure "$figure"
   jq -n --argjson run "$1" --argjson made "$(provenance)" --slurpfile report "$work/gaps.json" \
     '{run: $run.name, made: $made, report: $report[0][0]}' | write_json "$2"
 }

@@ -48,17 +48,18 @@ def goals_missed:
 def verdict: if length == 0 then "yes" else "**no: \(join(", "))**" end;
 
 # The limit is of markers seen together; between gaps it says nothing.
+def held_to_limit($row; f): if $row.gaps then "–" else f end;
 def accuracy_row($row):
   if .final == null then [.row, .seed, "0 of \(.stats.frames)"] + [range(9) | "–"] + ["**no: no pose**", "", .made.commit]
   else target($row; .) as $t |
     [ .row, .seed, "\(.stats.localized) of \(.stats.frames)", (.live.in_view.share | percent),
       (.live.ate_m.mean | mm), (.final.ate_m.mean | mm),
       "\(.final.ace_m.mean | mm) (\(.final.common_markers))",
-      (if $row.gaps then "–" else "\(.final.limit.ate_m.mean | mm) / \(.final.limit.ace_m.mean | mm)" end),
-      (if $row.gaps then "–" else "\(ate_ratio | digits) / \(ace_ratio | digits)" end), (live_ratio | digits),
+      held_to_limit($row; "\(.final.limit.ate_m.mean | mm) / \(.final.limit.ace_m.mean | mm)"),
+      held_to_limit($row; "\(ate_ratio | digits) / \(ace_ratio | digits)"), (live_ratio | digits),
       (.final.limit.corner_rms_px | digits), target_text($t),
       (if $t == null then "–" else missed($t) | verdict end),
-      (if $row.gaps then "–" else goals_missed | verdict end),
+      held_to_limit($row; goals_missed | verdict),
       .made.commit ] end;
 
 def main_rows: [$plan.rows[] | select(.target)] ;

@@ -13,15 +13,9 @@
 namespace waymark::slam {
 namespace {
 
-double meanBlur_px(const SideFits& edges) {
+double meanOf(const SideFits& edges, double EdgeFit::*value) {
   double sum = 0.0;
-  for (const EdgeFit& edge : edges) sum += edge.blur_px;
-  return 0.25 * sum;
-}
-
-double meanVariance(const SideFits& edges) {
-  double sum = 0.0;
-  for (const EdgeFit& edge : edges) sum += edge.variance;
+  for (const EdgeFit& edge : edges) sum += edge.*value;
   return 0.25 * sum;
 }
 
@@ -116,7 +110,7 @@ Measurement MarkerMeasurer::measureIn(const PlacedImage& placed, const ImageView
       reading.match.rotation != 0) {
     return {.marker = {}, .has_edges = true};
   }
-  const double likeness = decoder_.likeness(id, meanVariance(exact->edges));
+  const double likeness = decoder_.likeness(id, meanOf(exact->edges, &EdgeFit::variance));
   if (likeness < decoder_.options().min_likeness) {
     return {.marker = {}, .has_edges = true, .is_unlike = true};
   }
@@ -160,7 +154,7 @@ std::optional<MeasuredMarker> MarkerMeasurer::readReduced(const ImageView& image
   const QuadReading reading = decoder_.read(image, rough->normalized);
   if (reading.content != QuadContent::kMarker) return std::nullopt;
   SideFits edges = turnedUpright(rough->edges, reading.match.rotation);
-  while (factor > 1 && meanBlur_px(edges) < soft_.min_blur_px) {
+  while (factor > 1 && meanOf(edges, &EdgeFit::blur_px) < soft_.min_blur_px) {
     factor /= 2;
     edges = atTwiceTheSize(edges);
   }

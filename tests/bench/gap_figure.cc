@@ -4,8 +4,9 @@
 #include <array>
 #include <cmath>
 #include <cstddef>
-#include <cstdio>
 #include <functional>
+
+#include "tests/bench/formatted.h"
 
 namespace waymark::bench {
 namespace {
@@ -18,13 +19,6 @@ constexpr double kTop = 24.0;      // of the figure: the legend
 constexpr double kLine = 12.0;     // of text
 // Blue and orange: told apart by the colour-blind, too.
 constexpr std::array<const char*, 3> kColours = {"#0072b2", "#d55e00", "#555555"};
-
-template <typename... Values>
-std::string formatted(const char* format, Values... values) {
-  char text[400];
-  std::snprintf(text, sizeof(text), format, values...);
-  return text;
-}
 
 struct Panel {
   const char* title;

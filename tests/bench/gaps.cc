@@ -246,10 +246,11 @@ Status runOnce(const Arguments& arguments, const Run& run, GapReport* report, Ga
 
 // The first seed of the first scene, with features between the markers and with markers alone.
 Status drawFigure(const Arguments& arguments) {
-  std::vector<GapTrack> tracks = {{"markers and features", {}}, {"markers alone", {}}};
-  for (GapTrack& track : tracks) {
+  std::vector<GapTrack> tracks;
+  for (const bool natural : {true, false}) {
     GapReport nobodys;
-    const bool natural = &track == &tracks.front();
+    GapTrack& track =
+        tracks.emplace_back(GapTrack{natural ? "markers and features" : "markers alone", {}});
     const Status done =
         runOnce(arguments, {arguments.scenes.front(), arguments.seed, natural}, &nobodys, &track);
     if (!done) return done.error();

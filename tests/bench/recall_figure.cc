@@ -3,7 +3,8 @@
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
-#include <cstdio>
+
+#include "tests/bench/formatted.h"
 
 namespace waymark::bench {
 namespace {
@@ -12,13 +13,6 @@ constexpr int kCellWidth = 20;
 constexpr int kCellHeight = 16;
 constexpr int kLeft = 40;  // of a panel: room for its numbers
 constexpr int kTop = 44;
-
-template <typename... Values>
-std::string formatted(const char* format, Values... values) {
-  char text[400];
-  std::snprintf(text, sizeof(text), format, values...);
-  return text;
-}
 
 std::string textAt(int x, int y, const char* anchor, const std::string& text) {
   return formatted("<text x=\"%d\" y=\"%d\" text-anchor=\"%s\">", x, y, anchor) + text +

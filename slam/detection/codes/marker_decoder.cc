@@ -1,6 +1,7 @@
 #include "slam/detection/codes/marker_decoder.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstdint>
 #include <numbers>
@@ -143,29 +144,34 @@ QuadReading MarkerDecoder::read(const ImageView& image, const Corners& corners) 
   white /= static_cast<float>(around);
 
   float black = 0.0F;
-  border_.clear();
   levels_.resize(static_cast<std::size_t>(dictionary_.cells() * dictionary_.cells()));
   const auto levelOf = [&](int row, int column) -> float& {
     return levels_[static_cast<std::size_t>(row * dictionary_.cells() + column)];
   };
+  const auto borderAt = [last](int i) {
+    return std::array{std::pair(0, i), std::pair(i, last), std::pair(last, i + 1),
+                      std::pair(i + 1, 0)};
+  };
   for (int i = 0; i < last; ++i) {
-    for (const auto& [row, column] :
-         {std::pair(0, i), std::pair(i, last), std::pair(last, i + 1), std::pair(i + 1, 0)}) {
+    for (const auto& [row, column] : borderAt(i)) {
       const float level = greyOf(image, row, column);
       if (level < 0.0F) return {};
       levelOf(row, column) = level;
-      border_.push_back(level);
       black += level;
     }
   }
-  const auto cells = static_cast<float>(border_.size());
-  black /= cells;
+  const int cells = 4 * last;
+  black /= static_cast<float>(cells);
   if (white - black < static_cast<float>(options_.min_contrast)) return {};
 
   const float threshold = 0.5F * (black + white);
-  const auto wrong_border =
-      std::ranges::count_if(border_, [threshold](float level) { return level > threshold; });
-  const double wrong_share = static_cast<double>(wrong_border) / static_cast<double>(cells);
+  int wrong_border = 0;
+  for (int i = 0; i < last; ++i) {
+    for (const auto& [row, column] : borderAt(i)) {
+      if (levelOf(row, column) > threshold) ++wrong_border;
+    }
+  }
+  const double wrong_share = static_cast<double>(wrong_border) / cells;
   if (wrong_share > options_.max_wrong_rough_border) return {};
   QuadReading reading{QuadContent::kNoCode, {}, {}};
   if (wrong_share > options_.max_wrong_border) return reading;

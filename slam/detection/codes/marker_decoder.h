@@ -89,8 +89,7 @@ class MarkerDecoder {
   MarkerDecoderOptions options_;
   std::vector<Eigen::Vector2f> centres_;  // of the cells, pixels; with the ring, row by row
   bool large_cells_ = false;              // in this quad
-  std::vector<float> border_;             // grey levels of its cells
-  std::vector<float> levels_;             // of all cells with the border's, row by row
+  std::vector<float> levels_;             // grey levels of the cells, with the border's, row by row
 };
 
 }  // namespace waymark::slam
