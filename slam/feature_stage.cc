@@ -8,28 +8,61 @@
 
 namespace waymark::slam {
 
+namespace {
+
+bool isOnlyPlaced(const Map& map) {
+  int placed = 0;
+  for (const auto& [id, marker] : map.markers()) {
+    placed += marker.T_w_m ? 1 : 0;
+    if (placed > 1) return false;
+  }
+  return placed == 1;
+}
+
+}  // namespace
+
 bool FeatureStage::concerns(const FrameInput& frame) const {
   return options_.enabled && frame.image;
 }
 
+void FeatureStage::moveWorld(const Transform& T_new_old) {
+  integrator_.moveWorld(T_new_old);
+  anchor_.T_w_m = T_new_old * anchor_.T_w_m;
+}
+
+// The pose is relative to it: a first view's error, which the next keyframes take back, say.
+void FeatureStage::followAnchor(const Map& map) {
+  if (!isOnlyPlaced(map)) return;
+  const MapMarker* const marker = map.findPosed(anchor_.id);
+  if (marker == nullptr) return;
+  const Transform& T_w_m = *marker->T_w_m;
+  if (T_w_m.p == anchor_.T_w_m.p && T_w_m.R == anchor_.T_w_m.R) return;
+  integrator_.moveWorld(T_w_m * anchor_.T_w_m.inverse());
+  anchor_.T_w_m = T_w_m;
+}
+
 bool FeatureStage::follow(const FrameInput& frame, const TrackedFrame& tracked,
-                          const PoseEstimate& pose, StageObserver* observer) {
+                          const PoseEstimate& pose, const Map& map, StageObserver* observer) {
   followed_ = concerns(frame);
   if (!followed_) return true;
   const StageScope scope(observer, Stage::kFeatures);
+  followAnchor(map);
   fitting_.clear();
-  anchor_before_ = anchor_;
+  anchor_before_ = anchor_.id;
   for (std::size_t i = 0; i < tracked.eligible.size(); ++i) {
     if (tracked.solution.inlier[i]) fitting_.push_back(tracked.eligible[i]);
   }
+  const auto distance_m = [&](const KnownMarker& marker) {
+    return (marker.T_w_m.p - pose.T_w_c.p).norm();
+  };
+  const auto nearest = std::ranges::min_element(fitting_, {}, distance_m);
+  // What the pose is relative to: what is not known of its place is the world's share, and not to be
+  // counted twice.
+  if (fitting_.size() == 1 && isOnlyPlaced(map)) nearest->covariance.setZero();
+  const bool begins = isCertain(tracked) || tracked.single->covered;
   const bool agrees =
-      integrator_.follow(frame.time.monotonic_ns, *frame.image, pose, isCertain(tracked), fitting_);
-  if (agrees && !fitting_.empty()) {
-    const auto distance_m = [&](const KnownMarker& marker) {
-      return (marker.T_w_m.p - pose.T_w_c.p).norm();
-    };
-    anchor_ = std::ranges::min_element(fitting_, {}, distance_m)->detection->id;
-  }
+      integrator_.follow(frame.time.monotonic_ns, *frame.image, pose, begins, fitting_);
+  if (agrees && nearest != fitting_.end()) anchor_ = {nearest->detection->id, nearest->T_w_m};
   return agrees;
 }
 
@@ -66,6 +99,7 @@ std::optional<PoseEstimate> FeatureStage::bridge(const FrameInput& frame,
                                                  const Map& map, StageObserver* observer) {
   if (!concerns(frame)) return std::nullopt;
   const StageScope scope(observer, Stage::kFeatures);
+  followAnchor(map);
   findUnplaced(detections, map);
   return inWorld(integrator_.bridge(frame.time.monotonic_ns, *frame.image, unplaced_));
 }
@@ -83,7 +117,7 @@ void FeatureStage::late(const LateResult& seen, const MapMarker& picture,
   if (!options_.enabled) return;
   const StageScope scope(observer, Stage::kFeatures);
   const Transform& T_w_p = *picture.T_w_m;
-  const bool elsewhere = anchor_ != picture.id && !integrator_.adrift();
+  const bool elsewhere = anchor_.id != picture.id && !integrator_.adrift();
   const auto fixOf = [&](const Transform& T_m_c, const Matrix6d& of_view) {
     LateFix fix{seen.sequence, T_w_p * T_m_c, turnedCovariance(T_w_p.R, of_view)};
     const Matrix6d T = rigidTransport(fix.T_w_c.p - T_w_p.p);
@@ -99,11 +133,11 @@ void FeatureStage::late(const LateResult& seen, const MapMarker& picture,
   switch (integrator_.late(pose, points_w_)) {
     case LateOutcome::kStarted:
       covariance_.doubtAs(picture);
-      anchor_ = picture.id;
+      anchor_ = {picture.id, T_w_p};
       ++counters_->picture_poses;
       break;
     case LateOutcome::kUsed:
-      if (covariance_.doubtIfLess(picture, pose.fix.T_w_c.p)) anchor_ = picture.id;
+      if (covariance_.doubtIfLess(picture, pose.fix.T_w_c.p)) anchor_ = {picture.id, T_w_p};
       ++counters_->picture_poses;
       break;
     case LateOutcome::kRefused:
@@ -111,7 +145,7 @@ void FeatureStage::late(const LateResult& seen, const MapMarker& picture,
       break;
     case LateOutcome::kNoted:
       covariance_.doubtAs(picture);
-      anchor_ = picture.id;
+      anchor_ = {picture.id, T_w_p};
       break;
     case LateOutcome::kOpen:
     case LateOutcome::kKnown:

@@ -39,7 +39,7 @@ class FeatureStage {
   void setReadout(double readout_s) { integrator_.setReadout(readout_s); }
   // After the markers have given a pose. False where the features know better.
   [[nodiscard]] bool follow(const FrameInput& frame, const TrackedFrame& tracked,
-                            const PoseEstimate& pose, StageObserver* observer);
+                            const PoseEstimate& pose, const Map& map, StageObserver* observer);
   // After follow(): the pose from features and markers together, with what the map does not know of
   // the place in its covariance. Empty where the markers alone know as well.
   [[nodiscard]] std::optional<PoseEstimate> fused() const;
@@ -57,7 +57,7 @@ class FeatureStage {
   [[nodiscard]] std::optional<Arrival> arrival() const;
   // The marker that the carried pose is relative to: the nearest one of the last frame that the
   // features followed. -1 before the first one.
-  [[nodiscard]] int anchor() const { return anchor_; }
+  [[nodiscard]] int anchor() const { return anchor_.id; }
   // After all of these: somebody else looks at the frame, too.
   void await(const FrameInput& frame, bool has_pose, StageObserver* observer);
   // Before all of these: a picture of the map was seen in an awaited frame. points_m: of its print,
@@ -65,12 +65,14 @@ class FeatureStage {
   void late(const LateResult& seen, const MapMarker& picture,
             std::span<const Eigen::Vector2d> points_m, StageObserver* observer);
   // The map has moved under the camera.
-  void moveWorld(const Transform& T_new_old) { integrator_.moveWorld(T_new_old); }
+  void moveWorld(const Transform& T_new_old);
   // Where the features are was seen through another lens.
   void forget() { integrator_.giveUp(); }
 
  private:
   [[nodiscard]] bool concerns(const FrameInput& frame) const;
+  // Where the map has put it by now, the features go with it.
+  void followAnchor(const Map& map);
   // Those that the map has no place for, and does not distrust; no more than the filter has room
   // for.
   void findUnplaced(std::span<const MarkerDetection> detections, const Map& map);
@@ -83,7 +85,11 @@ class FeatureStage {
   MapCovariance& covariance_;
   PoseIntegrator integrator_;
   Counters* counters_;
-  int anchor_ = -1;
+  struct Anchor {
+    int id = -1;
+    Transform T_w_m;  // as the features know it
+  };
+  Anchor anchor_;
   int anchor_before_ = -1;  // the last frame
   bool followed_ = false;   // the last frame with a pose from markers
   // Reused from frame to frame.

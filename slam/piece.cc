@@ -263,7 +263,7 @@ class Piece::Impl {
     auto tracked = trackMarkers(usable, frame.time, prediction, observer, result);
     if (!tracked) return std::nullopt;
     PoseEstimate pose = tracker_.estimateOf(*tracked);
-    if (!features_.follow(frame, *tracked, pose, observer)) {
+    if (!features_.follow(frame, *tracked, pose, map_, observer)) {
       result->reason = NoPoseReason::kMarkersDoNotFit;
       return std::nullopt;
     }

@@ -70,7 +70,8 @@ TrackingOutcome FrameTracker::track(const Map& map, const FrameMarkers& markers,
 }
 
 // Of the only marker's two poses the one that the frames so far speak for. As long as they say too
-// little, the one that goes on as the camera moved; without such a one there is no pose.
+// little, the one that goes on as the camera moved; without such a one there is a pose only where
+// the two are hardly apart.
 std::optional<TrackedPose> FrameTracker::trackSingle(const KnownMarker& marker,
                                                      std::int64_t time_ns,
                                                      const std::optional<Prediction>& prediction,
@@ -78,11 +79,18 @@ std::optional<TrackedPose> FrameTracker::trackSingle(const KnownMarker& marker,
   const auto expected =
       prediction && certain_ ? std::optional(prediction->T_w_c) : std::optional<Transform>();
   *single = judge_.judge(marker, time_ns, expected);
-  if (!*single || (!(*single)->decided && !prediction)) return std::nullopt;
-  const Transform& start = (*single)->decided ? (*single)->T_w_c : prediction->T_w_c;
+  if (!*single) return std::nullopt;
+  const bool by_motion = !(*single)->decided && prediction;
+  const Transform& start = by_motion ? prediction->T_w_c : (*single)->T_w_c;
   auto solution = tracker_.optimizer().optimize({&marker, 1}, start);
   if (!solution || !tracker_.optimizer().acceptable(*solution)) return std::nullopt;
   *single = (*single)->at(solution->T_w_c);
+  const Matrix6d covariance =
+      solution->covariance + coverOfOtherPose(**single, solution->covariance);
+  const double sigma_rad = std::sqrt(covariance.bottomRightCorner<3, 3>().trace());
+  (*single)->covered =
+      !(*single)->decided && sigma_rad <= options_.single_marker.max_undecided_sigma_rad;
+  if (!(*single)->decided && !by_motion && !(*single)->covered) return std::nullopt;
   TrackedPose tracked;
   const bool goes_on = prediction && rotationDistance(solution->T_w_c.R, prediction->T_w_c.R) <
                                          options_.relocalization.other_rotation_rad;

@@ -17,10 +17,12 @@ double separation(const std::array<Transform, 2>& a, const std::array<Transform,
 }  // namespace
 
 std::string SingleMarkerOptions::invalidReason() const {
-  return firstUnmet({{isPositive(min_log_odds), "min_log_odds must be positive"},
-                     {max_log_odds >= min_log_odds, "max_log_odds must be at least min_log_odds"},
-                     {isNotNegative(min_barrier), "min_barrier must not be negative"},
-                     {isNotNegative(max_gap_s), "max_gap_s must not be negative"}});
+  return firstUnmet(
+      {{isPositive(min_log_odds), "min_log_odds must be positive"},
+       {max_log_odds >= min_log_odds, "max_log_odds must be at least min_log_odds"},
+       {isNotNegative(min_barrier), "min_barrier must not be negative"},
+       {isNotNegative(max_undecided_sigma_rad), "max_undecided_sigma_rad must not be negative"},
+       {isNotNegative(max_gap_s), "max_gap_s must not be negative"}});
 }
 
 std::optional<PoseOfTwo> SingleMarkerJudge::judge(const KnownMarker& marker, std::int64_t time_ns,
@@ -32,13 +34,16 @@ std::optional<PoseOfTwo> SingleMarkerJudge::judge(const KnownMarker& marker, std
   }
   std::array<Transform, 2> T_m_c = view->T_m_c;
   double log_odds = view->log_odds;
+  double barrier = view->barrier;
+  bool is_swapped = false;  // T_m_c, against the view's
 
   const int id = marker.detection->id;
   const bool goes_on = track_ && track_->marker == id && time_ns >= track_->time_ns &&
                        secondsBetween(track_->time_ns, time_ns) <= options_.max_gap_s;
   if (goes_on) {
     const std::array<Transform, 2> swapped = {T_m_c[1], T_m_c[0]};
-    if (separation(swapped, track_->T_m_c) < separation(T_m_c, track_->T_m_c)) {
+    is_swapped = separation(swapped, track_->T_m_c) < separation(T_m_c, track_->T_m_c);
+    if (is_swapped) {
       T_m_c = swapped;
       log_odds = -log_odds;
     }
@@ -48,7 +53,12 @@ std::optional<PoseOfTwo> SingleMarkerJudge::judge(const KnownMarker& marker, std
     const bool first = rotationDistance(T_m_c[0].R, R_m_c) < rotationDistance(T_m_c[1].R, R_m_c);
     log_odds = first ? options_.max_log_odds : -options_.max_log_odds;
   }
-  if (view->barrier < options_.min_barrier) log_odds = 0.0;
+  if (view->barrier < options_.min_barrier) {
+    // The image for itself: where its corners fit the one much better than all that is towards the
+    // other, there is only the one.
+    log_odds = is_swapped ? -view->log_odds : view->log_odds;
+    barrier += 2.0 * view->log_odds;
+  }
   log_odds = std::clamp(log_odds, -options_.max_log_odds, options_.max_log_odds);
   track_ = Track{id, time_ns, T_m_c, log_odds};
 
@@ -57,7 +67,7 @@ std::optional<PoseOfTwo> SingleMarkerJudge::judge(const KnownMarker& marker, std
                    marker.T_w_m * T_m_c[1 - better],
                    marker.T_w_m.p,
                    std::abs(log_odds),
-                   view->barrier,
+                   barrier,
                    std::abs(log_odds) >= options_.min_log_odds};
 }
 

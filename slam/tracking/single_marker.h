@@ -25,6 +25,10 @@ struct SingleMarkerOptions {
   // this much, in squared whitened residuals: else the corners allow all from the one to the other
   // (a marker seen nearly from the front), and nothing says any more which was which.
   double min_barrier = 9.0;
+  // Where nothing is decided, and no frame before tells where the camera is, there is a pose only
+  // if it is known so well with the other one in its covariance, radians. More has poses of markers
+  // seen from the front sooner, less certain ones.
+  double max_undecided_sigma_rad = 0.06;
   // After a longer gap nothing says which of two poses was which, seconds.
   double max_gap_s = 0.5;
 

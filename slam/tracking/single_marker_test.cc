@@ -17,9 +17,8 @@ class SingleMarkerTest : public ::testing::Test {
  protected:
   // The marker as seen from so far to its side, and what the map knows of it.
   const KnownMarker& look(double tilt_rad, double sigma_px = 0.1) {
-    const double distance_m = 3.6;
     truth_ =
-        testing::lookAt({distance_m * std::sin(tilt_rad), -distance_m * std::cos(tilt_rad), 0.1},
+        testing::lookAt({distance_m_ * std::sin(tilt_rad), -distance_m_ * std::cos(tilt_rad), 0.1},
                         Eigen::Vector3d::Zero());
     detection_ = *testing::observe(camera_, truth_, 1, T_w_m_, kSize_m, sigma_px, &rng_);
     known_ = testing::knownMarker(detection_, T_w_m_, kSize_m);
@@ -30,6 +29,7 @@ class SingleMarkerTest : public ::testing::Test {
     return rotationDistance(T_w_c.R, truth_.R) < 0.15;
   }
 
+  double distance_m_ = 3.6;
   std::mt19937 rng_{11};
   CameraModel camera_{testing::testCalibration()};
   Transform T_w_m_ = testing::markerFacing(Eigen::Vector3d::Zero(), {0.0, -1.0, 0.0});
@@ -109,6 +109,24 @@ TEST_F(SingleMarkerTest, FromTheFrontNothingIsDecided) {
     if (!verdict) continue;
     EXPECT_FALSE(verdict->decided) << i;
   }
+}
+
+// Nearer by, all poses towards the other one fit the image less and less: it is no pose of its own.
+TEST_F(SingleMarkerTest, AnImageThatFitsOneOnlyDecides) {
+  distance_m_ = 0.5;
+  int decided = 0;
+  for (int run = 0; run < 200; ++run) {
+    judge_.forget();
+    const auto verdict = judge_.judge(look(0.06, 0.05), 0, {});
+    ASSERT_TRUE(verdict);
+    const auto view = viewSingleMarker(known_, camera_.focalLength(), {});
+    ASSERT_TRUE(view);
+    if (!verdict->decided || view->barrier >= options_.min_barrier) continue;
+    ++decided;
+    EXPECT_LT(rotationDistance(verdict->T_w_c.R, truth_.R), 0.04) << run;
+    EXPECT_GT(verdict->barrier, options_.min_barrier) << "all but the other pose speaks against it";
+  }
+  EXPECT_GT(decided, 50);
 }
 
 TEST_F(SingleMarkerTest, AGapOrAnotherMarkerBeginsAnew) {

@@ -30,8 +30,11 @@ struct PoseOfTwo {
   Transform other_T_w_c;     // and the other one
   Eigen::Vector3d marker_w;  // the middle of the marker, world frame, metres
   double log_odds = 0.0;     // of the pose over the other one
-  double barrier = 0.0;      // as SingleMarkerView's
+  double barrier = 0.0;      // as SingleMarkerView's, but over the pose
   bool decided = false;
+  // Nothing is decided, but the two are so close to each other that it hardly matters: the pose's
+  // covariance has both.
+  bool covered = false;
 
   // The same, told of the refined pose of one of them.
   [[nodiscard]] PoseOfTwo at(const Transform& refined_T_w_c) const;

@@ -80,6 +80,7 @@ std::string FeatureFilterOptions::invalidReason() const {
            {isPositive(pose_chi2), "pose_chi2 must be positive"},
            {hypotheses >= 1, "hypotheses must be at least 1"},
            {max_iterations >= 1, "max_iterations must be at least 1"},
+           {isShare(marker_repeated_share), "marker_repeated_share must be from 0 to 1"},
            {isNotNegative(marker_memory_s), "marker_memory_s must not be negative"},
            {isShare(noise_adaption), "noise_adaption must be 0 to 1"},
            {max_noise_scale >= 1.0, "max_noise_scale must be at least 1"},

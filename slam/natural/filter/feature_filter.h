@@ -30,6 +30,11 @@ struct FeatureFilterOptions {
   int max_anchors = 12;
   // Fiducial markers in the state at a time; those beyond are not looked at.
   int max_markers = 6;
+  // What is the same in all views of a marker's corner, in units of the sigma of one view: however
+  // long it is looked at, the camera beside it is not known better than by one view with that
+  // error. Less than MapCovarianceOptions::repeated_share, as the camera moves: of the variance
+  // 0.18 is the same a second later while it stands still, 0.06 to 0 while it does not.
+  double marker_repeated_share = 0.25;
   // Cameras of frames that others are still looking at (markPast()): the ring of past states.
   int max_past = 4;
   // Squared Mahalanobis distance of a match, two dimensions: 99 % are within 9.21. Smaller loses

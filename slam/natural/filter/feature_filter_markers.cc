@@ -1,9 +1,13 @@
 // Of FeatureFilter: fiducial markers in view.
 #include <algorithm>
 #include <array>
+#include <cmath>
 #include <cstddef>
 #include <cstdint>
 
+#include <Eigen/LU>
+
+#include "slam/covariance/marker_information.h"
 #include "slam/natural/filter/feature_filter.h"
 #include "slam/natural/filter/se3.h"
 
@@ -36,9 +40,16 @@ std::optional<int> FeatureFilter::markerPlace(const KnownMarker& marker) {
   const auto id = static_cast<std::uint64_t>(marker.detection->id);
   if (const auto place = seenMarker(id)) return place;
   if (markers_seen_.size() >= static_cast<std::size_t>(options_.max_markers)) return std::nullopt;
+  const auto view = markerInformation(marker.T_w_m, marker.size_m, *marker.detection,
+                                      state_.camera(), Matrix6d::Zero());
+  if (!view) return std::nullopt;
+  const Matrix6d of_view = view->weighted.inverse();
+  if (!of_view.allFinite()) return std::nullopt;
+  const Matrix6d covariance =
+      marker.covariance + std::pow(options_.marker_repeated_share, 2) * of_view;
   const Matrix6d A = invariantFromRetract(marker.T_w_m.p);
   const int place =
-      state_.addPose(PoseKind::kMarker, id, marker.T_w_m, A * marker.covariance * A.transpose());
+      state_.addPose(PoseKind::kMarker, id, marker.T_w_m, A * covariance * A.transpose());
   if (place < 0) return std::nullopt;
   markers_seen_.push_back({id, time_s_});
   return place;

@@ -1,6 +1,7 @@
 #include "slam/natural/filter/feature_filter.h"
 
 #include <algorithm>
+#include <cmath>
 #include <cstdio>
 #include <map>
 #include <random>
@@ -10,6 +11,7 @@
 #include <gtest/gtest.h>
 
 #include "slam/natural/filter/testing_point_world.h"
+#include "slam/testing/synthetic.h"
 
 namespace waymark::slam {
 namespace {
@@ -412,6 +414,42 @@ TEST(FeatureFilter, APoseThatContradictsIsRefusedUntilItIsBelieved) {
     EXPECT_GT(world.lastAccepted(), world.lastMatches() / 2);
   }
   std::printf("restart: NEES %.2f\n", nees);
+  EXPECT_LT(nees, 6.0 * 1.5 * 1.5);
+  EXPECT_GT(nees, 6.0 / (1.6 * 1.6));
+}
+
+// Its corners are off by the same in every frame.
+TEST(FeatureFilter, AMarkerLookedAtForLongIsKnownNoBetterThanWhatAllViewsShare) {
+  const CameraModel camera(testing::testCalibration());
+  const Transform T_w_m = testing::markerFacing(Eigen::Vector3d::Zero(), {0.0, -1.0, 0.0});
+  const Transform truth = testing::lookAt({0.8, -1.2, 0.1}, T_w_m.p);
+  std::mt19937 rng(4);
+  double nees = 0.0;
+  constexpr int kRuns = 20;
+  for (int run = 0; run < kRuns; ++run) {
+    FeatureFilterOptions options;
+    options.motion.acceleration = options.motion.angular_acceleration = 1e-3;  // it stands still
+    options.marker_repeated_share = 0.5;
+    FeatureFilter filter(options);
+    filter.start(truth, diagonal(0.02, 0.02));
+    const auto always = *testing::observe(camera, truth, 1, T_w_m, 0.16, 0.1, &rng);
+    const auto exact = *testing::observe(camera, truth, 1, T_w_m, 0.16, 0.0, &rng);
+    for (int frame = 0; frame < 200; ++frame) {
+      const auto now = *testing::observe(camera, truth, 1, T_w_m, 0.16, 0.1, &rng);
+      MarkerDetection seen = now;
+      for (std::size_t k = 0; k < 4; ++k) {
+        seen.normalized[k] = exact.normalized[k] +
+                             0.5 * (always.normalized[k] - exact.normalized[k]) +
+                             std::sqrt(0.75) * (now.normalized[k] - exact.normalized[k]);
+      }
+      filter.predict(1.0 / 30.0);
+      const KnownMarker known = testing::knownMarker(seen, T_w_m, 0.16);
+      (void)filter.observeMarkers({&known, 1});
+    }
+    const Vector6d e = filter.state().camera().localCoordinates(truth);
+    nees += e.dot(filter.state().poseCovariance().ldlt().solve(e)) / kRuns;
+  }
+  std::printf("looked at for long: NEES %.2f\n", nees);
   EXPECT_LT(nees, 6.0 * 1.5 * 1.5);
   EXPECT_GT(nees, 6.0 / (1.6 * 1.6));
 }

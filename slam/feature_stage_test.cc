@@ -1,0 +1,93 @@
+#include "slam/feature_stage.h"
+
+#include <algorithm>
+#include <cstdint>
+#include <cstdio>
+#include <random>
+#include <vector>
+
+#include <Eigen/Cholesky>
+#include <gtest/gtest.h>
+
+#include "slam/natural/filter/testing_textured_wall.h"
+#include "slam/slam.h"
+#include "slam/testing/synthetic.h"
+
+namespace waymark::slam {
+namespace {
+
+constexpr double kRate_hz = 30.0;
+constexpr double kSize_m = 0.3;
+
+// The dolly before a wall with one marker, from a map that begins with it, and on without it.
+class FeatureStageTest : public ::testing::Test {
+ protected:
+  struct Told {
+    double nees = 0.0;  // the world is the first keyframe's camera
+    // Variance of the attitude: of the pose relative to the marker, of the marker in the world.
+    double by_view = 0.0;
+    double by_marker = 0.0;
+  };
+  // Of the pose after so many frames with the marker and without it.
+  Told toldAfter(unsigned seed, int with, int without) {
+    Options options;
+    options.markers.size_m = kSize_m;
+    Slam slam(camera_, *Dictionary::byName("4X4_50"), options);
+    const testing::Dolly dolly{.speed_m_per_s = 0.4, .seed = seed};
+    std::mt19937 rng(seed);
+    std::vector<std::uint8_t> pixels;
+    FrameResult result;
+    for (int k = 0; k < with + without; ++k) {
+      const Transform truth = dolly.at(k / kRate_hz);
+      wall_.render(camera_, truth, 2.0, static_cast<unsigned>(k), &pixels);
+      std::vector<MarkerDetection> seen;
+      if (k < with) {
+        const auto detection = testing::observe(camera_, truth, 7, marker_, kSize_m, 0.06, &rng);
+        EXPECT_TRUE(detection);
+        seen = {*detection};
+      }
+      const ImageView image{pixels.data(), camera_.width(), camera_.height(), camera_.width()};
+      result = slam.process(
+          {.time = {static_cast<std::uint64_t>(k), static_cast<std::int64_t>(1e9 * k / kRate_hz)},
+           .image = image,
+           .detections = seen});
+    }
+    if (!result.pose || slam.map().keyframes().empty()) {
+      ADD_FAILURE() << "no pose, seed " << seed;
+      return {};
+    }
+    EXPECT_EQ(result.pose->source, PoseSource::kNaturalFeatures);
+    const Keyframe& first = slam.map().keyframes().begin()->second;
+    const Transform T_w_scene =
+        first.T_w_c * dolly.at(static_cast<double>(first.sequence) / kRate_hz).inverse();
+    const Vector6d error =
+        result.pose->T_w_c.localCoordinates(T_w_scene * dolly.at((with + without - 1) / kRate_hz));
+    const auto attitude = [](const Matrix6d& C) { return C.bottomRightCorner<3, 3>().trace(); };
+    return {error.dot(result.pose->covariance.ldlt().solve(error)),
+            attitude(result.pose->view_covariance),
+            attitude(slam.map().findPosed(7)->world_covariance)};
+  }
+
+  CameraModel camera_{testing::wideCalibration(320, 240)};
+  testing::TexturedWall wall_{3};
+  Transform marker_ = testing::markerFacing({0.0, -0.005, 0.1}, {-0.6, -1.0, 0.1});
+};
+
+// What the first view leaves open of the only marker's place is the world's doubt, and in the
+// pose's covariance once.
+TEST_F(FeatureStageTest, AfterTheOnlyMarkerThePoseKnowsItsError) {
+  constexpr int kSeeds = 20;
+  double nees = 0.0;
+  for (unsigned seed = 1; seed <= kSeeds; ++seed) {
+    const Told told = toldAfter(seed, 45, 5);
+    nees += told.nees / kSeeds;
+    EXPECT_LT(told.by_view, 0.5 * told.by_marker) << "seed " << seed;
+  }
+  std::printf("NEES %.2f\n", nees);
+  // The corners' noise is white here, and believed to be the same from view to view in part.
+  EXPECT_GT(nees, 6.0 / (1.75 * 1.75));
+  EXPECT_LT(nees, 6.0 * 1.5 * 1.5);
+}
+
+}  // namespace
+}  // namespace waymark::slam
