@@ -130,25 +130,28 @@ def long_table:
 
 def gap_missed($t):
   [ (select($t.end_mm and .ends.from_marker_mm.worst > $t.end_mm) | "end"),
+    (select($t.end_deg and .ends.turn_from_marker_deg.worst > $t.end_deg) | "turn"),
     (select($t.jump_mm and .ends.jump_mm.worst > $t.jump_mm) | "jump"),
     (select($t.share_percent and .ends.share_percent.worst > $t.share_percent) | "share") ];
 def gap_table:
-  table(["scene", "gaps", "way, m", "off at the end, mm: rms / worst", "of the way: rms / worst", "scale, rms",
+  table(["scene", "gaps", "way, m", "off at the end, mm: rms / worst", "degrees: rms / worst", "of the way: rms / worst", "scale, rms",
          "jump, mm: rms / worst", "NEES at 1 / 2 / 5 / 10 s", "frames with a pose", "beyond 3 sigma",
          "mean / p99 / longest frame, ms", "target", "met", "version"];
     [$plan.gaps[] as $plan | first($gaps[] | select(.run == $plan.name)) // null
-      | if . == null then [$plan.what, "not measured"] + [range(12) | ""] else
+      | if . == null then [$plan.what, "not measured"] + [range(13) | ""] else
         .made.commit as $version | .report
           | (if $plan.target then gap_missed($plan.target) else null end) as $missed
           | [$plan.what, "\(.ends.gaps), \(.ends.lost) lost", (.ends.way_m | digits),
              "\(.ends.from_marker_mm.rms | digits) / \(.ends.from_marker_mm.worst | digits)",
+             "\(.ends.turn_from_marker_deg.rms | digits) / \(.ends.turn_from_marker_deg.worst | digits)",
              "\(.ends.share_percent.rms | digits) / \(.ends.share_percent.worst | digits) %",
              "\(.ends.scale_percent.rms | digits) %",
              "\(.ends.jump_mm.rms | digits) / \(.ends.jump_mm.worst | digits)",
              ([.into[].nees | digits] | join(" / ")), "\(.posed_percent | digits) %",
              "\(.beyond_3_sigma_percent | digits) %",
              "\(.cpu_ms.mean | digits) / \(.cpu_ms.p99 | digits) / \(.cpu_ms.worst | digits)",
-             ($plan.target // {} | [(.end_mm | select(.) | "end <= \(.) mm"), (.jump_mm | select(.) | "jump <= \(.) mm"),
+             ($plan.target // {} | [(.end_mm | select(.) | "end <= \(.) mm"), (.end_deg | select(.) | "end <= \(.) degrees"),
+                (.jump_mm | select(.) | "jump <= \(.) mm"),
                 (.share_percent | select(.) | "end <= \(.) %")] | join(", ")),
              (if $missed == null then "" else ($missed | verdict)
                 + (if $missed == [] and .ends.lost > 0 then ", where there is a pose" else "" end) end), $version] end]);

@@ -53,7 +53,7 @@ io::Json intoGaps(const std::vector<Gap>& gaps, std::size_t at) {
 }
 
 io::Json endsOf(const std::vector<Gap>& gaps) {
-  std::vector<double> errors, from_marker, shares, jumps, scales, ways;
+  std::vector<double> errors, from_marker, turns, shares, jumps, scales, ways;
   int lost = 0;
   for (const Gap& gap : gaps) {
     ways.push_back(gap.way_m);
@@ -63,6 +63,7 @@ io::Json endsOf(const std::vector<Gap>& gaps) {
     }
     errors.push_back(1e3 * gap.last->error_m);
     from_marker.push_back(1e3 * gap.last->from_marker_m);
+    turns.push_back(gap.last->turn_from_marker_deg);
     if (gap.way_m > 0.1) shares.push_back(1e2 * gap.last->from_marker_m / gap.way_m);
     scales.push_back(1e2 * gap.scale);
     if (gap.jump_m) jumps.push_back(1e3 * *gap.jump_m);
@@ -72,6 +73,7 @@ io::Json endsOf(const std::vector<Gap>& gaps) {
           {"way_m", mean(ways)},
           {"error_mm", spread(errors)},
           {"from_marker_mm", spread(from_marker)},
+          {"turn_from_marker_deg", spread(turns)},
           {"share_percent", spread(shares)},
           {"scale_percent", spread(scales)},
           {"jump_mm", spread(jumps)}};
@@ -178,12 +180,13 @@ void print(const io::Json& summary, bool every_gap) {
   if (ends.at("gaps") != 0) {
     std::printf(
         "  ends: error %.1f mm rms, worst %.1f; from the marker %.1f, worst %.1f, of %.2f m (%.2f "
-        "%% rms, worst %.2f), scale %.2f %% rms; jump %.1f mm rms, worst %.1f; lost before the "
-        "end: %d of %d\n",
+        "%% rms, worst %.2f), and %.2f degrees, worst %.2f; scale %.2f %% rms; jump %.1f mm rms, "
+        "worst %.1f; lost before the end: %d of %d\n",
         number(ends, "error_mm", "rms"), number(ends, "error_mm", "worst"),
         number(ends, "from_marker_mm", "rms"), number(ends, "from_marker_mm", "worst"),
         number(ends, "way_m"), number(ends, "share_percent", "rms"),
-        number(ends, "share_percent", "worst"), number(ends, "scale_percent", "rms"),
+        number(ends, "share_percent", "worst"), number(ends, "turn_from_marker_deg", "rms"),
+        number(ends, "turn_from_marker_deg", "worst"), number(ends, "scale_percent", "rms"),
         number(ends, "jump_mm", "rms"), number(ends, "jump_mm", "worst"),
         ends.at("lost").get<int>(), ends.at("gaps").get<int>());
   }

@@ -17,6 +17,7 @@ inline constexpr std::array<double, 4> kInto_s = {1.0, 2.0, 5.0, 10.0};
 struct Carried {
   double error_m = 0.0;
   double from_marker_m = 0.0;
+  double turn_from_marker_deg = 0.0;
   double sigma_m = 0.0;  // of the position, the root of the covariance's trace
   double nees = 0.0;
 };

@@ -14,6 +14,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <cstdio>
+#include <numbers>
 #include <optional>
 #include <string>
 #include <utility>
@@ -68,6 +69,7 @@ std::optional<Carried> carried(const slam::PoseEstimate& pose, const Transform& 
   if (factor.info() != Eigen::Success) return std::nullopt;
   const slam::Vector6d e = pose.T_w_c.localCoordinates(truth);
   return Carried{e.head<3>().norm(), (pose.T_w_c.p - truth_by_marker.p).norm(),
+                 slam::rotationDistance(pose.T_w_c.R, truth_by_marker.R) * 180.0 / std::numbers::pi,
                  std::sqrt(pose.covariance.topLeftCorner<3, 3>().trace()), e.dot(factor.solve(e))};
 }
 
