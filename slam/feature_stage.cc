@@ -56,8 +56,8 @@ bool FeatureStage::follow(const FrameInput& frame, const TrackedFrame& tracked,
     return (marker.T_w_m.p - pose.T_w_c.p).norm();
   };
   const auto nearest = std::ranges::min_element(fitting_, {}, distance_m);
-  // What the pose is relative to: what is not known of its place is the world's share, and not to be
-  // counted twice.
+  // What the pose is relative to: what is not known of its place is the world's share, and not to
+  // be counted twice.
   if (fitting_.size() == 1 && isOnlyPlaced(map)) nearest->covariance.setZero();
   const bool begins = isCertain(tracked) || tracked.single->covered;
   const bool agrees =
