@@ -10,7 +10,8 @@ namespace waymark::slam {
 
 namespace {
 
-bool isOnlyPlaced(const Map& map) {
+// With several the pose is relative to all of them, and they have their doubts about each other.
+bool hasOnePlaced(const Map& map) {
   int placed = 0;
   for (const auto& [id, marker] : map.markers()) {
     placed += marker.T_w_m ? 1 : 0;
@@ -32,7 +33,6 @@ void FeatureStage::moveWorld(const Transform& T_new_old) {
 
 // The pose is relative to it: a first view's error, which the next keyframes take back, say.
 void FeatureStage::followAnchor(const Map& map) {
-  if (!isOnlyPlaced(map)) return;
   const MapMarker* const marker = map.findPosed(anchor_.id);
   if (marker == nullptr) return;
   const Transform& T_w_m = *marker->T_w_m;
@@ -46,7 +46,8 @@ bool FeatureStage::follow(const FrameInput& frame, const TrackedFrame& tracked,
   followed_ = concerns(frame);
   if (!followed_) return true;
   const StageScope scope(observer, Stage::kFeatures);
-  followAnchor(map);
+  const bool is_only = hasOnePlaced(map);
+  if (is_only) followAnchor(map);
   fitting_.clear();
   anchor_before_ = anchor_.id;
   for (std::size_t i = 0; i < tracked.eligible.size(); ++i) {
@@ -58,7 +59,7 @@ bool FeatureStage::follow(const FrameInput& frame, const TrackedFrame& tracked,
   const auto nearest = std::ranges::min_element(fitting_, {}, distance_m);
   // What the pose is relative to: what is not known of its place is the world's share, and not to
   // be counted twice.
-  if (fitting_.size() == 1 && isOnlyPlaced(map)) nearest->covariance.setZero();
+  if (fitting_.size() == 1 && is_only) nearest->covariance.setZero();
   const bool begins = isCertain(tracked) || tracked.single->covered;
   const bool agrees =
       integrator_.follow(frame.time.monotonic_ns, *frame.image, pose, begins, fitting_);
@@ -99,7 +100,7 @@ std::optional<PoseEstimate> FeatureStage::bridge(const FrameInput& frame,
                                                  const Map& map, StageObserver* observer) {
   if (!concerns(frame)) return std::nullopt;
   const StageScope scope(observer, Stage::kFeatures);
-  followAnchor(map);
+  if (hasOnePlaced(map)) followAnchor(map);
   findUnplaced(detections, map);
   return inWorld(integrator_.bridge(frame.time.monotonic_ns, *frame.image, unplaced_));
 }

@@ -71,7 +71,7 @@ class FeatureStage {
 
  private:
   [[nodiscard]] bool concerns(const FrameInput& frame) const;
-  // Where the map has put it by now, the features go with it.
+  // Where the map has put its only marker by now, the features go with it.
   void followAnchor(const Map& map);
   // Those that the map has no place for, and does not distrust; no more than the filter has room
   // for.

@@ -85,12 +85,13 @@ std::optional<TrackedPose> FrameTracker::trackSingle(const KnownMarker& marker,
   auto solution = tracker_.optimizer().optimize({&marker, 1}, start);
   if (!solution || !tracker_.optimizer().acceptable(*solution)) return std::nullopt;
   *single = (*single)->at(solution->T_w_c);
-  const Matrix6d covariance =
-      solution->covariance + coverOfOtherPose(**single, solution->covariance);
-  const double sigma_rad = std::sqrt(covariance.bottomRightCorner<3, 3>().trace());
-  (*single)->covered =
-      !(*single)->decided && sigma_rad <= options_.single_marker.max_undecided_sigma_rad;
-  if (!(*single)->decided && !by_motion && !(*single)->covered) return std::nullopt;
+  if (!(*single)->decided) {
+    const Matrix6d covariance =
+        solution->covariance + coverOfOtherPose(**single, solution->covariance);
+    const double sigma_rad = std::sqrt(covariance.bottomRightCorner<3, 3>().trace());
+    (*single)->covered = sigma_rad <= options_.single_marker.max_undecided_sigma_rad;
+    if (!by_motion && !(*single)->covered) return std::nullopt;
+  }
   TrackedPose tracked;
   const bool goes_on = prediction && rotationDistance(solution->T_w_c.R, prediction->T_w_c.R) <
                                          options_.relocalization.other_rotation_rad;

@@ -33,30 +33,29 @@ std::optional<PoseOfTwo> SingleMarkerJudge::judge(const KnownMarker& marker, std
     return std::nullopt;
   }
   std::array<Transform, 2> T_m_c = view->T_m_c;
-  double log_odds = view->log_odds;
-  double barrier = view->barrier;
-  bool is_swapped = false;  // T_m_c, against the view's
+  double of_image = view->log_odds;  // of the first over the second, as log_odds
 
   const int id = marker.detection->id;
   const bool goes_on = track_ && track_->marker == id && time_ns >= track_->time_ns &&
                        secondsBetween(track_->time_ns, time_ns) <= options_.max_gap_s;
+  double log_odds = of_image;
   if (goes_on) {
     const std::array<Transform, 2> swapped = {T_m_c[1], T_m_c[0]};
-    is_swapped = separation(swapped, track_->T_m_c) < separation(T_m_c, track_->T_m_c);
-    if (is_swapped) {
+    if (separation(swapped, track_->T_m_c) < separation(T_m_c, track_->T_m_c)) {
       T_m_c = swapped;
-      log_odds = -log_odds;
+      of_image = -of_image;
     }
-    log_odds += track_->log_odds;
+    log_odds = track_->log_odds + of_image;
   } else if (expected_T_w_c) {
     const Eigen::Matrix3d R_m_c = marker.T_w_m.R.transpose() * expected_T_w_c->R;
     const bool first = rotationDistance(T_m_c[0].R, R_m_c) < rotationDistance(T_m_c[1].R, R_m_c);
     log_odds = first ? options_.max_log_odds : -options_.max_log_odds;
   }
-  if (view->barrier < options_.min_barrier) {
+  double barrier = view->barrier;
+  if (barrier < options_.min_barrier) {
     // The image for itself: where its corners fit the one much better than all that is towards the
     // other, there is only the one.
-    log_odds = is_swapped ? -view->log_odds : view->log_odds;
+    log_odds = of_image;
     barrier += 2.0 * view->log_odds;
   }
   log_odds = std::clamp(log_odds, -options_.max_log_odds, options_.max_log_odds);

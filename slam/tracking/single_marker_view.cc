@@ -67,8 +67,7 @@ PoseOfTwo PoseOfTwo::at(const Transform& refined_T_w_c) const {
                     rotationDistance(refined_T_w_c.R, other_T_w_c.R);
   return {refined_T_w_c, same ? other_T_w_c : T_w_c,
           marker_w,      same ? log_odds : -log_odds,
-          barrier,       same && decided,
-          covered};
+          barrier,       same && decided};
 }
 
 Matrix6d coverOfOtherPose(const PoseOfTwo& pose, const Matrix6d& view_covariance) {

@@ -30,10 +30,11 @@ struct PoseOfTwo {
   Transform other_T_w_c;     // and the other one
   Eigen::Vector3d marker_w;  // the middle of the marker, world frame, metres
   double log_odds = 0.0;     // of the pose over the other one
-  double barrier = 0.0;      // as SingleMarkerView's, but over the pose
+  // As SingleMarkerView's; where nothing is between the two, over the pose itself.
+  double barrier = 0.0;
   bool decided = false;
   // Nothing is decided, but the two are so close to each other that it hardly matters: the pose's
-  // covariance has both.
+  // covariance has both. Whoever refines the pose tells.
   bool covered = false;
 
   // The same, told of the refined pose of one of them.

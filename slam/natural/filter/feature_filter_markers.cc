@@ -1,7 +1,6 @@
 // Of FeatureFilter: fiducial markers in view.
 #include <algorithm>
 #include <array>
-#include <cmath>
 #include <cstddef>
 #include <cstdint>
 
@@ -45,8 +44,8 @@ std::optional<int> FeatureFilter::markerPlace(const KnownMarker& marker) {
   if (!view) return std::nullopt;
   const Matrix6d of_view = view->weighted.inverse();
   if (!of_view.allFinite()) return std::nullopt;
-  const Matrix6d covariance =
-      marker.covariance + std::pow(options_.marker_repeated_share, 2) * of_view;
+  const double share = options_.marker_repeated_share;
+  const Matrix6d covariance = marker.covariance + share * share * of_view;
   const Matrix6d A = invariantFromRetract(marker.T_w_m.p);
   const int place =
       state_.addPose(PoseKind::kMarker, id, marker.T_w_m, A * covariance * A.transpose());
