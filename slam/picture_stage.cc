@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <utility>
 
+#include "slam/covariance/seen_through.h"
 #include "slam/geometry/turned_covariance.h"
 
 namespace waymark::slam {
@@ -54,23 +55,57 @@ bool PictureStage::hear(std::span<const LateResult> late, StageObserver* observe
   return changed;
 }
 
-bool PictureStage::hearOne(const LateResult& seen, StageObserver* observer) {
-  const PicturePrint* const print = printOf(seen.landmark);
-  const auto is_it = [&](const AwaitedFrame& f) { return f.time.sequence == seen.sequence; };
-  const auto frame = std::ranges::find_if(awaited_, is_it);
-  if (print == nullptr || frame == awaited_.end()) {
+// The relocalizer knew one lens, and no rows. What is not known of the rows is not counted here:
+// the features are seen by the same ones, and would be believed instead.
+std::optional<LateResult> PictureStage::asKnownByNow(const Awaited& awaited,
+                                                     const LateResult& heard,
+                                                     const PicturePrint& print) const {
+  CameraUncertainty camera = with_.camera;
+  camera.covariance.bottomRightCorner<1, 1>().setZero();
+  const SeenThrough frame{.found_with = awaited.found_with,
+                          .by_now = camera,
+                          .readout_s = with_.shutter.seconds(),
+                          .twist = awaited.frame.twist,
+                          .monotonic_ns = awaited.frame.time.monotonic_ns};
+  const auto by_now = [&](const PoseAtPlane& found) {
+    return seenThrough(frame, found, print.width_m, print.height_m);
+  };
+  const auto pose = by_now({heard.T_m_c, heard.covariance});
+  if (!pose) return std::nullopt;
+  LateResult seen = heard;
+  seen.T_m_c = pose->T_m_c;
+  seen.covariance = pose->covariance;
+  if (!heard.other) return seen;
+  const auto other = by_now({heard.other->T_m_c, heard.other->covariance});
+  if (!other) return std::nullopt;
+  seen.other = {other->T_m_c, other->covariance};
+  return seen;
+}
+
+bool PictureStage::hearOne(const LateResult& heard, StageObserver* observer) {
+  const PicturePrint* const print = printOf(heard.landmark);
+  const auto is_it = [&](const Awaited& a) { return a.frame.time.sequence == heard.sequence; };
+  const auto awaited = std::ranges::find_if(awaited_, is_it);
+  if (print == nullptr || awaited == awaited_.end()) {
     ++with_.counters->late_unknown;
     return false;
   }
+  const auto by_now = asKnownByNow(*awaited, heard, *print);
+  if (!by_now) {
+    ++with_.counters->refused_pictures;
+    return false;
+  }
+  const AwaitedFrame& frame = awaited->frame;
+  const LateResult& seen = *by_now;
   // A pose that may be the other one of its plane is of use to who has one already.
   const bool begins =
       with_.map->empty() && with_.options.mapping && seen.decided && mayBegin(*print);
-  if (begins) beginMap(*frame, seen, *print);
+  if (begins) beginMap(frame, seen, *print);
   if (with_.options.mapping && seen.decided) with_.map->addPicture(*print);
   if (const MapMarker* const known = with_.map->findPosed(seen.landmark)) {
     with_.features->late(seen, *known, print->points_m, observer);
   }
-  const bool grows = with_.options.mapping && seen.decided && grow(*frame, seen, *print, observer);
+  const bool grows = with_.options.mapping && seen.decided && grow(frame, seen, *print, observer);
   return begins || grows;
 }
 
@@ -127,12 +162,12 @@ void PictureStage::await(const FrameInput& frame, const FrameResult& result,
     if (carried) awaited.anchor = with_.features->anchor();
   }
   if (awaited_.size() == kAwaited) awaited_.pop_front();
-  awaited_.push_back(std::move(awaited));
+  awaited_.push_back({std::move(awaited), *with_.camera.camera});
   with_.features->await(frame, result.pose.has_value(), observer);
 }
 
 void PictureStage::moveWorld(const Transform& T_new_old) {
-  for (AwaitedFrame& frame : awaited_) {
+  for (auto& [frame, found_with] : awaited_) {
     if (frame.T_w_c) frame.T_w_c = T_new_old * *frame.T_w_c;
     frame.covariance = turnedCovariance(T_new_old.R, frame.covariance);
   }

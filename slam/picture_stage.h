@@ -5,12 +5,16 @@
 
 #include <cstddef>
 #include <deque>
+#include <optional>
 #include <span>
 
+#include "slam/camera/rolling_shutter_estimator.h"
 #include "slam/counters.h"
+#include "slam/covariance/camera_uncertainty.h"
 #include "slam/covariance/map_covariance.h"
 #include "slam/feature_stage.h"
 #include "slam/frame.h"
+#include "slam/geometry/camera_model.h"
 #include "slam/map/map.h"
 #include "slam/mapping/map_updater.h"
 #include "slam/options.h"
@@ -21,6 +25,8 @@ namespace waymark::slam {
 // What it works on, all of it another's, which must outlive it.
 struct PictureStageParts {
   const Options& options;
+  const CameraUncertainty& camera;
+  const RollingShutterEstimator& shutter;
   MapUpdater* updater;
   MapCovariance* covariance;
   FeatureStage* features;
@@ -47,7 +53,15 @@ class PictureStage {
   [[nodiscard]] bool any() const { return !with_.options.natural.prints.empty(); }
 
  private:
-  [[nodiscard]] bool hearOne(const LateResult& seen, StageObserver* observer);
+  struct Awaited {
+    AwaitedFrame frame;
+    CameraModel found_with;  // the lens in use then
+  };
+
+  [[nodiscard]] bool hearOne(const LateResult& heard, StageObserver* observer);
+  [[nodiscard]] std::optional<LateResult> asKnownByNow(const Awaited& awaited,
+                                                       const LateResult& heard,
+                                                       const PicturePrint& print) const;
   [[nodiscard]] const PicturePrint* printOf(int id) const;
   [[nodiscard]] bool mayBegin(const PicturePrint& print) const;
   void beginMap(const AwaitedFrame& frame, const LateResult& seen, const PicturePrint& print);
@@ -57,7 +71,7 @@ class PictureStage {
   void place(const PicturePrint& print, const Transform& T_w_m, const Matrix6d& covariance);
 
   PictureStageParts with_;
-  std::deque<AwaitedFrame> awaited_;  // oldest first
+  std::deque<Awaited> awaited_;  // oldest first
 };
 
 }  // namespace waymark::slam

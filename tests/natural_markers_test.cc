@@ -61,7 +61,7 @@ class NaturalMarkersTest : public ::testing::Test {
         relocalizer_->prepare({.time = {static_cast<std::uint64_t>(frame_), time_ns},
                                .image = ImageView{pixels.data(), 640, 480, 640}});
     const slam::FrameResult result = slam_->process(input);
-    relocalizer_->look(input, result, slam_->map());
+    relocalizer_->look(input, result, *slam_);
     ++frame_;
     return {result.state, result.pose, T_w_c};
   }

@@ -44,7 +44,7 @@ class FrameInput final : public RunInput {
       timer.beginFrame();
       const slam::FrameResult result = slam.process(input, &timer);
       timer.endFrame();
-      if (late != nullptr) late->look(input, result, slam.map());
+      if (late != nullptr) late->look(input, result, slam);
       if (observer_) observer_(frame->image());
       return std::optional<Step>({stamp.monotonic_ns - *first_ns_, result});
     }

@@ -77,7 +77,7 @@ void SlamLoop::process(const capture::Frame& frame) {
   if (result.map_changed) countMapChange();
   if (input.awaited) {
     const std::uint64_t revision = output_.map_revision.load(std::memory_order_relaxed);
-    relocalizer_->ask(input, result, slam_->map(), revision);
+    relocalizer_->ask(input, result, slam_->camera(), slam_->map(), revision);
   }
   handOnMapWhenDue(stamp);
   last_stamp_ = stamp;

@@ -27,7 +27,8 @@ bool RelocalizerLink::idle() const {
 }
 
 void RelocalizerLink::ask(const slam::FrameInput& frame, const slam::FrameResult& result,
-                          const slam::Map& map, std::uint64_t map_revision) {
+                          const slam::CameraModel& camera, const slam::Map& map,
+                          std::uint64_t map_revision) {
   const ImageView& image = *frame.image;
   for (int y = 0; y < image.height; ++y) {
     std::copy_n(image.row(y), image.width,
@@ -35,6 +36,7 @@ void RelocalizerLink::ask(const slam::FrameInput& frame, const slam::FrameResult
   }
   query_.frame.time = frame.time;
   query_.frame.generation = generation_;
+  query_.camera = camera;
   query_.frame.last.reset();
   if (result.pose) {
     query_.frame.last = {result.pose->T_w_c, result.pose->covariance.topLeftCorner<3, 3>()};

@@ -15,6 +15,7 @@
 #include <vector>
 
 #include "base/image_view.h"
+#include "slam/geometry/camera_model.h"
 #include "slam/geometry/transform.h"
 #include "slam/late_result.h"
 #include "slam/map/map.h"
@@ -32,6 +33,7 @@ class RelocalizerLink {
   struct Query {
     slam::RelocalizationQuery frame;
     std::vector<std::optional<slam::Transform>> T_w_m;  // where the map has them, by `ids`
+    std::optional<slam::CameraModel> camera;            // the lens in use
   };
 
   // ids: of the pictures, in the relocalizer's order. Images will have this size, pixels.
@@ -44,8 +46,8 @@ class RelocalizerLink {
   [[nodiscard]] bool idle() const;
   // SLAM thread, when idle, after the frame: look at this. map_revision: equal ones stand for equal
   // maps.
-  void ask(const slam::FrameInput& frame, const slam::FrameResult& result, const slam::Map& map,
-           std::uint64_t map_revision);
+  void ask(const slam::FrameInput& frame, const slam::FrameResult& result,
+           const slam::CameraModel& camera, const slam::Map& map, std::uint64_t map_revision);
   // SLAM thread: another SLAM is in the place of the one that asked, and knows nothing of that.
   void forget() { ++generation_; }
 

@@ -11,6 +11,7 @@
 #include <gtest/gtest.h>
 
 #include "slam/map/picture_print.h"
+#include "slam/testing/synthetic.h"
 
 namespace waymark::daemon {
 namespace {
@@ -55,6 +56,7 @@ class RelocalizerLinkTest : public ::testing::Test {
   static constexpr std::ptrdiff_t kStride = kWidth + 3;
   std::vector<std::uint8_t> pixels_ = std::vector<std::uint8_t>(kStride * kHeight);
   slam::Map map_;
+  slam::CameraModel camera_{slam::testing::testCalibration()};
   slam::FrameResult result_;
   RelocalizerLink link_{{kPoster, kSign}, kWidth, kHeight};
 };
@@ -65,7 +67,7 @@ TEST_F(RelocalizerLinkTest, WhatIsAskedComesAsACopy) {
   pose.covariance = 0.5 * slam::Matrix6d::Identity();
   result_.pose = pose;
   ASSERT_TRUE(link_.idle());
-  link_.ask(frame(7), result_, map_, 1);
+  link_.ask(frame(7), result_, camera_, map_, 1);
   EXPECT_FALSE(link_.idle());
   pixels_[0] = 99;
   const RelocalizerLink::Query* const query = link_.wait();
@@ -77,13 +79,15 @@ TEST_F(RelocalizerLinkTest, WhatIsAskedComesAsACopy) {
   ASSERT_EQ(image.height, kHeight);
   EXPECT_EQ(image.at(0, 0), 0) << "as it was when asked";
   EXPECT_EQ(image.at(7, 3), static_cast<std::uint8_t>(3 * kStride + 7));
+  ASSERT_TRUE(query->camera);
+  EXPECT_EQ(query->camera->calibration(), camera_.calibration()) << "the lens in use";
   ASSERT_TRUE(query->frame.last);
   EXPECT_EQ(query->frame.last->T_w_c.p, pose.T_w_c.p);
   EXPECT_EQ(query->frame.last->position_covariance(1, 1), 0.5);
 }
 
 TEST_F(RelocalizerLinkTest, AnAnswerIsHeardOnce) {
-  link_.ask(frame(7), result_, map_, 1);
+  link_.ask(frame(7), result_, camera_, map_, 1);
   EXPECT_TRUE(link_.hear().empty()) << "not yet";
   answer(kSign);
   const auto late = link_.hear();
@@ -94,7 +98,7 @@ TEST_F(RelocalizerLinkTest, AnAnswerIsHeardOnce) {
 }
 
 TEST_F(RelocalizerLinkTest, AskedAgainOnlyWhenItHasRested) {
-  link_.ask(frame(7), result_, map_, 1);
+  link_.ask(frame(7), result_, camera_, map_, 1);
   answer(kSign);
   EXPECT_FALSE(link_.idle()) << "not heard yet";
   (void)link_.hear();
@@ -102,7 +106,7 @@ TEST_F(RelocalizerLinkTest, AskedAgainOnlyWhenItHasRested) {
   link_.rest(std::chrono::microseconds(1));
   std::thread other([&] { (void)link_.wait(); });
   while (!link_.idle()) std::this_thread::yield();
-  link_.ask(frame(9), result_, map_, 1);
+  link_.ask(frame(9), result_, camera_, map_, 1);
   other.join();
 }
 
@@ -110,7 +114,7 @@ TEST_F(RelocalizerLinkTest, AskedAgainOnlyWhenItHasRested) {
 TEST_F(RelocalizerLinkTest, FollowsTheMap) {
   const auto poses = [&](std::uint64_t sequence, std::uint64_t revision) {
     (void)link_.hear();
-    link_.ask(frame(sequence), result_, map_, revision);
+    link_.ask(frame(sequence), result_, camera_, map_, revision);
     const std::vector<std::optional<slam::Transform>> told = link_.wait()->T_w_m;
     link_.answer({});
     return told;
@@ -127,14 +131,14 @@ TEST_F(RelocalizerLinkTest, FollowsTheMap) {
 }
 
 TEST_F(RelocalizerLinkTest, AnotherSlamHearsNothingOfTheOneBefore) {
-  link_.ask(frame(7), result_, map_, 1);
+  link_.ask(frame(7), result_, camera_, map_, 1);
   link_.forget();
   answer(kSign);
   EXPECT_TRUE(link_.hear().empty());
 }
 
 TEST_F(RelocalizerLinkTest, TooManyAreLeftOutAndCounted) {
-  link_.ask(frame(7), result_, map_, 1);
+  link_.ask(frame(7), result_, camera_, map_, 1);
   const RelocalizerLink::Query* const query = link_.wait();
   ASSERT_NE(query, nullptr);
   const std::vector<slam::LateResult> many(RelocalizerLink::kMostResults + 3, found(*query, kSign));
@@ -181,7 +185,7 @@ TEST_F(RelocalizerLinkTest, TwoThreadsHandFramesToAndFro) {
     }
     std::ranges::fill(pixels_, static_cast<std::uint8_t>(sequence));
     if (!link_.idle()) continue;
-    link_.ask(frame(sequence), result_, map_, sequence);
+    link_.ask(frame(sequence), result_, camera_, map_, sequence);
     asked = sequence;
   }
   link_.requestStop();

@@ -22,6 +22,7 @@ void RelocalizerLoop::run() {
     for (std::size_t i = 0; i < query->T_w_m.size(); ++i) {
       relocalizer_.setPose(static_cast<int>(i), query->T_w_m[i]);
     }
+    relocalizer_.setCamera(*query->camera);
     link_.answer(relocalizer_.locate(query->frame));
     const std::int64_t spent_ns = threadCpuNs() - began_ns;
     publishCounts(spent_ns);

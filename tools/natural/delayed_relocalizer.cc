@@ -14,12 +14,13 @@ slam::FrameInput DelayedRelocalizer::prepare(slam::FrameInput frame) {
 }
 
 void DelayedRelocalizer::look(const slam::FrameInput& frame, const slam::FrameResult& result,
-                              const slam::Map& map) {
+                              const slam::Slam& slam) {
   if (!frame.awaited) return;
   for (std::size_t i = 0; i < relocalizer_.size(); ++i) {
-    const slam::MapMarker* const known = map.findPosed(relocalizer_.ids()[i]);
+    const slam::MapMarker* const known = slam.map().findPosed(relocalizer_.ids()[i]);
     relocalizer_.setPose(static_cast<int>(i), known == nullptr ? std::nullopt : known->T_w_m);
   }
+  relocalizer_.setCamera(slam.camera());
   slam::RelocalizationQuery query{
       .time = frame.time, .generation = 0, .image = *frame.image, .last = {}};
   if (result.pose) {

@@ -9,8 +9,8 @@
 
 #include "slam/frame.h"
 #include "slam/geometry/camera_model.h"
-#include "slam/map/map.h"
 #include "slam/natural/pictures/picture_relocalizer.h"
+#include "slam/slam.h"
 #include "tools/natural/late_results.h"
 
 namespace waymark::tools {
@@ -25,7 +25,7 @@ class DelayedRelocalizer final : public LateResults {
 
   [[nodiscard]] slam::FrameInput prepare(slam::FrameInput frame) override;
   void look(const slam::FrameInput& frame, const slam::FrameResult& result,
-            const slam::Map& map) override;
+            const slam::Slam& slam) override;
 
   [[nodiscard]] const slam::RelocalizationCounts& counts() const { return relocalizer_.counts(); }
 

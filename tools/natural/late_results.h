@@ -2,7 +2,7 @@
 #pragma once
 
 #include "slam/frame.h"
-#include "slam/map/map.h"
+#include "slam/slam.h"
 
 namespace waymark::tools {
 
@@ -17,7 +17,7 @@ class LateResults {
   [[nodiscard]] virtual slam::FrameInput prepare(slam::FrameInput frame) = 0;
   // After it, of the same input.
   virtual void look(const slam::FrameInput& frame, const slam::FrameResult& result,
-                    const slam::Map& map) = 0;
+                    const slam::Slam& slam) = 0;
 };
 
 }  // namespace waymark::tools

@@ -33,7 +33,7 @@ class RecordedLateResults final : public LateResults {
 
   [[nodiscard]] slam::FrameInput prepare(slam::FrameInput frame) override;
   void look(const slam::FrameInput& /*frame*/, const slam::FrameResult& /*result*/,
-            const slam::Map& /*map*/) override {}
+            const slam::Slam& /*slam*/) override {}
 
  private:
   const std::map<std::uint64_t, Recorded> by_sequence_;

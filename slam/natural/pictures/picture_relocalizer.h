@@ -71,6 +71,8 @@ class PictureRelocalizer {
   // other pose, where the image leaves one open. Valid until the next call.
   [[nodiscard]] std::span<const LateResult> locate(const RelocalizationQuery& query);
 
+  // The lens of the images to come, learned since.
+  void setCamera(const CameraModel& camera) { camera_ = camera; }
   // Where a picture hangs, found by the map since; empty: not known any more. Precondition:
   // `picture` is in the set.
   void setPose(int picture, const std::optional<Transform>& T_w_m);
