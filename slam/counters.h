@@ -49,6 +49,7 @@ struct Counters {
   std::uint64_t quads_unlike_code = 0;
   std::uint64_t busy_frames = 0;
   std::uint64_t deferred_candidates = 0;
+  std::uint64_t image_cells_seen = 0;
 };
 
 struct NamedCounter {
@@ -141,6 +142,8 @@ inline constexpr std::array kCounters = {
                  "frames too busy to be searched as a whole; searched in turns"},
     NamedCounter{"deferred_candidates", &Counters::deferred_candidates,
                  "dark regions that may be markers, left for later frames"},
+    NamedCounter{"image_cells_seen", &Counters::image_cells_seen,
+                 "cells of the image, of 80, in which a marker's corner has been"},
 };
 static_assert(sizeof(Counters) == kCounters.size() * sizeof(std::uint64_t), "one is missing here");
 

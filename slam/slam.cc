@@ -1,9 +1,11 @@
 #include "slam/slam.h"
 
 #include <algorithm>
+#include <cstdint>
 #include <utility>
 
 #include "slam/batch_mapper.h"
+#include "slam/camera/corner_coverage.h"
 #include "slam/camera/lens_start.h"
 #include "slam/camera/undistort_map.h"
 #include "slam/frame_detector.h"
@@ -22,6 +24,7 @@ class Slam::Impl {
         camera_(camera),
         lens_{.given = camera},
         lens_start_(startOf(options_, camera)),
+        coverage_(camera.width(), camera.height()),
         detector_(camera_, std::move(dictionary), options_.detector, options_.follower, &counters_),
         pieces_(std::in_place, options_, detector_.dictionary().name(), &camera_, &lens_,
                 &counters_, std::move(map), std::move(other_pieces)) {}
@@ -32,6 +35,7 @@ class Slam::Impl {
     const auto detections = detector_.detect(frame, here.map(), here.local(),
                                              here.predict(frame.time.monotonic_ns), observer);
     undistorted_with_ = frame.detections ? 0 : lens_.changes;
+    counters_.image_cells_seen += static_cast<std::uint64_t>(coverage_.add(detections));
     if (lens_start_ && !beginWithLens(detections)) {
       return {.state = TrackingState::kInitializing,
               .pose = {},
@@ -87,6 +91,7 @@ class Slam::Impl {
   CameraModel camera_;  // in use
   LensKnowledge lens_;
   std::optional<LensStart> lens_start_;  // until a camera that was not given is known a little
+  CornerCoverage coverage_;
   Counters counters_;
   FrameDetector detector_;
   std::optional<PieceSet> pieces_;  // always there

@@ -91,6 +91,7 @@ class NaturalDaemonTest : public ::testing::Test {
  protected:
   void SetUp() override {
     if (!ensureMulticastRoute()) GTEST_SKIP() << "no multicast route, and none may be made";
+    cv::setNumThreads(1);  // as the daemon: the thread sanitizer does not see into OpenCV's own
     writeSource();
     writePosters();
   }

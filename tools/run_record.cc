@@ -6,6 +6,7 @@
 
 #include <nlohmann/json.hpp>
 
+#include "slam/camera/corner_coverage.h"
 #include "slam/final_trajectory.h"
 
 namespace waymark::tools {
@@ -52,6 +53,8 @@ Json lensOf(const slam::Slam& slam) {
   json["rms_before_px"] = known ? Json(lens.rms_before_px) : Json(nullptr);
   json["rms_after_px"] = known ? Json(lens.rms_after_px) : Json(nullptr);
   json["changes"] = lens.changes;
+  json["coverage_percent"] =
+      100.0 * static_cast<double>(slam.counters().image_cells_seen) / slam::CornerCoverage::kCells;
   return json;
 }
 

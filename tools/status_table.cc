@@ -4,6 +4,7 @@
 #include <string_view>
 
 #include "io/text/number_text.h"
+#include "slam/camera/corner_coverage.h"
 
 namespace waymark::tools {
 namespace {
@@ -86,12 +87,18 @@ std::string dropped(const Json& counters) {
   return text.empty() ? "none" : text + " (docs/health.md says what helps)";
 }
 
-std::string lensText(const Json& lens) {
+// `counters` tell where in the image markers have been.
+std::string lensText(const Json& lens, const Json& counters) {
   const std::string state = textAt(lens, "state");
   std::string text = state + ", focal length " + fixed(numberAt(lens, "fx"), 1) + " px";
   if (state == "given") return text;
   text += " to " + fixed(numberAt(lens, "focal_sigma_percent"), 2) + " %";
-  if (state == "learning") text += ": come nearer to markers, tilt the camera";
+  const double cells = numberAt(counters, "slam.image_cells_seen");
+  text += ", markers in " + fixed(100.0 * cells / slam::CornerCoverage::kCells, 0) +
+          " % of the image so far";
+  if (state == "learning") {
+    text += ": come nearer to markers, tilt the camera, bring them to the edges of the image";
+  }
   return text;
 }
 
@@ -109,7 +116,8 @@ std::string statusTable(const Json& status) {
   add("latency", latency(status), &table);
   add("map", mapText(partAt(status, "map")), &table);
   const Json lens = partAt(status, "lens");
-  if (!lens.empty()) add("lens", lensText(lens), &table);
+  const Json counters = partAt(status, "counters");
+  if (!lens.empty()) add("lens", lensText(lens, counters), &table);
   const Json recorder = partAt(status, "recorder");
   add("recorder",
       recorder.empty()
@@ -117,7 +125,6 @@ std::string statusTable(const Json& status) {
           : withReason(textAt(recorder, "state"), textAt(recorder, "reason")) +
                 (textAt(recorder, "file").empty() ? "" : ", ") + textAt(recorder, "file"),
       &table);
-  const Json counters = partAt(status, "counters");
   if (!counters.empty()) add("lost frames", dropped(counters), &table);
   add("log level", textAt(status, "log_level"), &table);
   add("daemon",

@@ -32,6 +32,27 @@ TEST(StatusTable, SaysWhatPeopleWantToKnow) {
             "daemon      waymarkd 0.1.0, up 1 h 2 min\n");
 }
 
+TEST(StatusTable, TellsHowWellALearnedLensIsKnownAndWhatIsMissing) {
+  Json status = Json::parse(R"({
+    "lens": {"state": "learning", "fx": 511.96, "focal_sigma_percent": 0.43},
+    "counters": {"slam.image_cells_seen": 36}})");
+  EXPECT_NE(
+      statusTable(status).find(
+          "lens        learning, focal length 512.0 px to 0.43 %, markers in 45 % of the image "
+          "so far: come nearer to markers, tilt the camera, bring them to the edges of the "
+          "image\n"),
+      std::string::npos)
+      << statusTable(status);
+  status["lens"]["state"] = "learned";
+  EXPECT_NE(statusTable(status).find("to 0.43 %, markers in 45 % of the image so far\n"),
+            std::string::npos)
+      << statusTable(status);
+  status["lens"]["state"] = "given";
+  EXPECT_NE(statusTable(status).find("lens        given, focal length 512.0 px\n"),
+            std::string::npos)
+      << statusTable(status);
+}
+
 TEST(StatusTable, OfLittleItSaysLittle) {
   const std::string table = statusTable(Json::parse(
       R"({"ok": true, "version": "9", "status": "no camera", "map": {"file": ""}, "recorder": null,

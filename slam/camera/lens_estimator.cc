@@ -1,6 +1,7 @@
 #include "slam/camera/lens_estimator.h"
 
 #include <algorithm>
+#include <cmath>
 #include <limits>
 
 #include "slam/camera/undistort_map.h"
@@ -16,6 +17,11 @@ bool seesAllOf(const CameraModel& camera, const Map& map) {
       return undistortCorners(camera, detection.pixels).has_value();
     });
   });
+}
+
+// Standard deviation of the focal length, as a share of it.
+double focalShare(const LensEstimate& estimate) {
+  return std::sqrt(estimate.covariance(0, 0)) / estimate.camera.focalLength();
 }
 
 }  // namespace
@@ -90,11 +96,11 @@ bool LensEstimator::believes(const LensEstimate& estimate, const Map& map) const
     return false;
   }
   const bool was_learned = knowledge_->state != LensState::kGiven;
-  // Of fewer views a blur or a rolling shutter, which is learned from as many, says as much.
-  constexpr std::size_t kViewsAgainstGiven = 8;
-  if (!was_learned && map.keyframes().size() < kViewsAgainstGiven) return false;
+  if (!was_learned && map.keyframes().size() < options_.views_against_given) return false;
   const double least = was_learned ? options_.min_change_chi2 : options_.min_chi2;
-  if (!(lensChange(estimate, *camera_) > least)) return false;
+  const bool is_better_known =
+      was_learned && focalShare(estimate) < options_.better_known * knowledge_->focalShare();
+  if (!is_better_known && !(lensChange(estimate, *camera_) > least)) return false;
   const bool material = estimate.rms_after_px < options_.material_rms * estimate.rms_before_px;
   if (!was_learned && !material) return false;
   return coversImage(estimate.camera) >= coversImage(*camera_) && seesAllOf(estimate.camera, map);

@@ -77,6 +77,19 @@ TEST_F(LensEstimatorTest, LearnsAWrongLensOverSlices) {
   EXPECT_TRUE(estimator.idle(map_)) << "until the map has grown";
 }
 
+// What the first views have told is not kept because the later ones do not contradict it.
+TEST_F(LensEstimatorTest, ALensThatIsBetterKnownReplacesTheOneBefore) {
+  see(shifted(truth_, -0.02, -0.05, 8.0));
+  LensEstimator estimator = this->estimator();
+  ASSERT_TRUE(estimator.estimateNow(shutter_, kBundle, &map_));
+  EXPECT_FALSE(estimator.estimateNow(shutter_, kBundle, &map_)) << "the same views again";
+  const IntrinsicMatrix known = knowledge_.covariance;
+  knowledge_.covariance *= 4.0;  // as of a quarter of them
+  ASSERT_TRUE(estimator.estimateNow(shutter_, kBundle, &map_));
+  EXPECT_EQ(knowledge_.changes, 2);
+  EXPECT_NEAR(knowledge_.covariance(0, 0), known(0, 0), 0.1 * known(0, 0));
+}
+
 TEST_F(LensEstimatorTest, ARightLensStaysAsItWasGiven) {
   for (int seed = 0; seed < 20; ++seed) {
     rng_.seed(static_cast<unsigned>(seed));

@@ -14,6 +14,7 @@ std::string LensWatchOptions::invalidReason() const {
       {min_interval_ns >= 0 && isNotNegative(min_turn_rad),
        "the distance of two views of a lens must not be negative"},
       {isPositive(max_change), "the change of a focal length must be positive"},
+      {isPositive(sure_rms), "the RMS of a lens that has surely changed must be positive"},
       {isPositive(cost_per_frame), "the cost of watching a lens must be positive"},
       {isShare(share_beside_loops), "a lens's share beside loops must be from 0 to 1"},
   });
@@ -36,6 +37,7 @@ std::string LensOptions::invalidReason() const {
           {isPositive(material_rms), "the RMS of a better lens must be positive"},
           {isNotNegative(min_chi2) && isNotNegative(min_change_chi2),
            "the chi-squares of a lens must not be negative"},
+          {isNotNegative(better_known), "the share of a better known lens must not be negative"},
           {isPositive(learned_focal_share), "the sigma of a learned focal length must be positive"},
       }),
   });

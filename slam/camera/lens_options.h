@@ -1,6 +1,7 @@
 // How the lens is learned.
 #pragma once
 
+#include <cstddef>
 #include <cstdint>
 #include <string>
 
@@ -29,6 +30,9 @@ struct LensWatchOptions {
   // focus (an autofocus breathes by some per cent) but a map that is bent. Larger takes bends for
   // the lens, smaller misses what long lenses do close by.
   double max_change = 0.1;
+  // While the map grows, corners have to fit by so much better, on top of
+  // LensOptions::material_rms: a bend looks a little like another lens, too.
+  double sure_rms = 0.75;
   // What an estimate may spend of a frame, in the units of Options::work_per_frame. More knows the
   // lens sooner, and makes those frames longer.
   double cost_per_frame = 400.0;
@@ -67,8 +71,15 @@ struct LensOptions {
   // And only if the corners' RMS falls to this share of what it was: a calibration that is as good
   // as the corners are is left alone. Smaller keeps calibrations that are a little wrong.
   double material_rms = 0.8;
-  // The same of a lens that was learned before, which a better estimate replaces.
+  // And from so many views on: of fewer a blur or a rolling shutter, which is learned from as many,
+  // says as much.
+  std::size_t views_against_given = 8;
+  // The same of a lens that was learned before, which a better estimate replaces ...
   double min_change_chi2 = 15.0;
+  // ... and so does one that knows the focal length to this share of the standard deviation that
+  // was known before. Smaller keeps what the first seconds have told, larger moves the map more
+  // often.
+  double better_known = 0.6;
   LensWatchOptions watch;
   // It counts as learned when the focal length's standard deviation is at most this share of it.
   double learned_focal_share = 0.002;

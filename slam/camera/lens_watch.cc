@@ -101,9 +101,8 @@ void LensWatch::work(double cost, const RollingShutterEstimator& shutter,
 }
 
 bool LensWatch::believes(const LensEstimate& estimate) const {
-  // A bend in a growing map looks a little like another lens, too.
-  constexpr double kSurely = 0.75;
-  const double material = map_grows_ ? kSurely * options_.material_rms : options_.material_rms;
+  const double material =
+      map_grows_ ? options_.watch.sure_rms * options_.material_rms : options_.material_rms;
   const double change = std::abs(estimate.camera.focalLength() / camera_->focalLength() - 1.0);
   if (map_grows_ && change > options_.watch.max_change) return false;
   // Markers that are elsewhere take up most of what another lens leaves; but no lens takes up

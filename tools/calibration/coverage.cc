@@ -7,13 +7,6 @@
 
 namespace waymark::calibration {
 
-int ImageGrid::cellOf(const Eigen::Vector2d& pixel) const {
-  // Pixels count from centres: the picture begins at -0.5.
-  const auto column = static_cast<int>((pixel.x() + 0.5) / width * columns);
-  const auto row = static_cast<int>((pixel.y() + 0.5) / height * rows);
-  return std::clamp(row, 0, rows - 1) * columns + std::clamp(column, 0, columns - 1);
-}
-
 void Coverage::add(const Eigen::Vector2d& pixel) {
   ++counts_[static_cast<std::size_t>(grid_.cellOf(pixel))];
 }

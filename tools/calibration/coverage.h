@@ -6,19 +6,11 @@
 
 #include <Eigen/Core>
 
+#include "slam/geometry/image_grid.h"
+
 namespace waymark::calibration {
 
-// A picture cut into equal cells, row by row from the top left.
-struct ImageGrid {
-  int width = 0;   // pixels
-  int height = 0;  // pixels
-  int columns = 10;
-  int rows = 8;
-
-  [[nodiscard]] int cells() const { return columns * rows; }
-  // Of a pixel; those beyond the border count for the nearest cell.
-  [[nodiscard]] int cellOf(const Eigen::Vector2d& pixel) const;
-};
+using slam::ImageGrid;
 
 class Coverage {
  public:
