@@ -111,7 +111,9 @@ FrameResult Slam::process(const FrameInput& frame, StageObserver* observer) {
 
 const Map& Slam::map() const { return std::as_const(*impl_).pieces().active().map(); }
 std::vector<const Map*> Slam::pieces() const { return std::as_const(*impl_).pieces().maps(); }
-PoseEstimate Slam::asOfNow(PoseEstimate pose) const { return impl_->pieces().asOfNow(pose); }
+PoseEstimate Slam::asOfNow(PoseEstimate pose) const {
+  return impl_->pieces().asOfNow(std::move(pose));
+}
 const Counters& Slam::counters() const { return impl_->counters(); }
 const CameraModel& Slam::camera() const { return impl_->camera(); }
 const LensKnowledge& Slam::lens() const { return impl_->lens(); }

@@ -35,8 +35,10 @@ class SeenThroughTest : public ::testing::Test {
                                         double readout_s) const {
     std::vector<Point> points;
     for (int i = 0; i < kAcross * kAcross; ++i) {
-      const Eigen::Vector3d p_m((i % kAcross / (kAcross - 1.0) - 0.5) * kWidth_m,
-                                (i / kAcross / (kAcross - 1.0) - 0.5) * kHeight_m, 0.0);
+      const int row = i / kAcross;
+      const int column = i % kAcross;
+      const Eigen::Vector3d p_m((column / (kAcross - 1.0) - 0.5) * kWidth_m,
+                                (row / (kAcross - 1.0) - 0.5) * kHeight_m, 0.0);
       double late_s = 0.0;
       std::optional<Eigen::Vector2d> pixel;
       for (int k = 0; k < 20; ++k) {
