@@ -37,7 +37,7 @@ std::vector<int> idsOf(const std::vector<slam::PosedNaturalMarker>& pictures) {
 Relocalizer::Relocalizer(std::vector<slam::PosedNaturalMarker> pictures,
                          const slam::CameraModel& camera, double core_share)
     : link(idsOf(pictures), camera.calibration().width, camera.calibration().height),
-      loop(std::move(pictures), camera, link, {.core_share = core_share, .relocalizer = {}}) {}
+      loop(std::move(pictures), link, {.core_share = core_share, .relocalizer = {}}) {}
 
 Daemon::Daemon(DaemonParts parts, const ReloadSignal& reload_signal, Log& log)
     : parts_(std::move(parts)),

@@ -49,7 +49,7 @@ class NaturalMarkersTest : public ::testing::Test {
     ASSERT_EQ(options.invalidReason(), "");
     slam_.emplace(slam::CameraModel(lens()), *slam::Dictionary::byName("APRILTAG_36h11"), options,
                   std::move(map));
-    relocalizer_.emplace(wall_->pictures(), slam::CameraModel(lens()));
+    relocalizer_.emplace(wall_->pictures());
   }
 
   Frame step(const Transform& T_w_c, bool with_marker, bool dark = false) {

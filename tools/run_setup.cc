@@ -106,8 +106,7 @@ Status addPictures(const std::string& file, RunSetup* setup) {
   if (const std::string reason = setup->options.invalidReason(); !reason.empty()) {
     return Error{file + ": " + reason};
   }
-  setup->late =
-      std::make_unique<DelayedRelocalizer>(io::picturesOf(std::move(*set)), setup->camera);
+  setup->late = std::make_unique<DelayedRelocalizer>(io::picturesOf(std::move(*set)));
   return success();
 }
 

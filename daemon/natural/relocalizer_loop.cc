@@ -10,9 +10,8 @@
 namespace waymark::daemon {
 
 RelocalizerLoop::RelocalizerLoop(std::vector<slam::PosedNaturalMarker> pictures,
-                                 const slam::CameraModel& camera, RelocalizerLink& link,
-                                 const RelocalizerLoopOptions& options)
-    : relocalizer_(std::move(pictures), camera, options.relocalizer),
+                                 RelocalizerLink& link, const RelocalizerLoopOptions& options)
+    : relocalizer_(std::move(pictures), options.relocalizer),
       link_(link),
       rest_per_work_((1.0 - options.core_share) / options.core_share) {}
 
@@ -22,8 +21,7 @@ void RelocalizerLoop::run() {
     for (std::size_t i = 0; i < query->T_w_m.size(); ++i) {
       relocalizer_.setPose(static_cast<int>(i), query->T_w_m[i]);
     }
-    relocalizer_.setCamera(*query->camera);
-    link_.answer(relocalizer_.locate(query->frame));
+    link_.answer(relocalizer_.locate(query->frame, *query->camera));
     const std::int64_t spent_ns = threadCpuNs() - began_ns;
     publishCounts(spent_ns);
     link_.rest(

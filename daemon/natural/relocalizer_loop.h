@@ -8,7 +8,6 @@
 
 #include "daemon/health/counter_source.h"
 #include "daemon/natural/relocalizer_link.h"
-#include "slam/geometry/camera_model.h"
 #include "slam/natural/pictures/picture_relocalizer.h"
 
 namespace waymark::daemon {
@@ -23,8 +22,8 @@ struct RelocalizerLoopOptions {
 class RelocalizerLoop {
  public:
   // Takes the set, whose ids the link has.
-  RelocalizerLoop(std::vector<slam::PosedNaturalMarker> pictures, const slam::CameraModel& camera,
-                  RelocalizerLink& link, const RelocalizerLoopOptions& options);
+  RelocalizerLoop(std::vector<slam::PosedNaturalMarker> pictures, RelocalizerLink& link,
+                  const RelocalizerLoopOptions& options);
 
   // The thread's body: returns after the link's requestStop().
   void run();

@@ -19,9 +19,9 @@ bool seesAllOf(const CameraModel& camera, const Map& map) {
   });
 }
 
-// Standard deviation of the focal length, as a share of it.
+// As LensKnowledge::focalShare.
 double focalShare(const LensEstimate& estimate) {
-  return std::sqrt(estimate.covariance(0, 0)) / estimate.camera.focalLength();
+  return std::sqrt(estimate.covariance(0, 0)) / estimate.camera.calibration().fx;
 }
 
 }  // namespace

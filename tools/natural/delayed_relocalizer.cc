@@ -20,13 +20,12 @@ void DelayedRelocalizer::look(const slam::FrameInput& frame, const slam::FrameRe
     const slam::MapMarker* const known = slam.map().findPosed(relocalizer_.ids()[i]);
     relocalizer_.setPose(static_cast<int>(i), known == nullptr ? std::nullopt : known->T_w_m);
   }
-  relocalizer_.setCamera(slam.camera());
   slam::RelocalizationQuery query{
       .time = frame.time, .generation = 0, .image = *frame.image, .last = {}};
   if (result.pose) {
     query.last = {result.pose->T_w_c, result.pose->covariance.topLeftCorner<3, 3>()};
   }
-  const auto found = relocalizer_.locate(query);
+  const auto found = relocalizer_.locate(query, slam.camera());
   found_.assign(found.begin(), found.end());
   due_in_ = delay_frames_;
 }

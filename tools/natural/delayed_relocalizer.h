@@ -8,7 +8,6 @@
 #include <vector>
 
 #include "slam/frame.h"
-#include "slam/geometry/camera_model.h"
 #include "slam/natural/pictures/picture_relocalizer.h"
 #include "slam/slam.h"
 #include "tools/natural/late_results.h"
@@ -19,9 +18,8 @@ class DelayedRelocalizer final : public LateResults {
  public:
   // delay_frames: as many as come while the daemon's thread looks at one image: 150 ms at 30 a
   // second. At least 1.
-  DelayedRelocalizer(std::vector<slam::PosedNaturalMarker> pictures,
-                     const slam::CameraModel& camera, int delay_frames = 5)
-      : relocalizer_(std::move(pictures), camera), delay_frames_(delay_frames) {}
+  explicit DelayedRelocalizer(std::vector<slam::PosedNaturalMarker> pictures, int delay_frames = 5)
+      : relocalizer_(std::move(pictures)), delay_frames_(delay_frames) {}
 
   [[nodiscard]] slam::FrameInput prepare(slam::FrameInput frame) override;
   void look(const slam::FrameInput& frame, const slam::FrameResult& result,

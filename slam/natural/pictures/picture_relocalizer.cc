@@ -34,12 +34,8 @@ LateResult cameraInPicture(const Transform& T_c_m, const Matrix6d& covariance) {
 }
 
 PictureRelocalizer::PictureRelocalizer(std::vector<PosedNaturalMarker> pictures,
-                                       const CameraModel& camera,
                                        const PictureRelocalizerOptions& options)
-    : options_(options),
-      camera_(camera),
-      markers_(withoutPoses(&pictures)),
-      finder_(markers_, options.finder) {
+    : options_(options), markers_(withoutPoses(&pictures)), finder_(markers_, options.finder) {
   for (const PosedNaturalMarker& picture : pictures) {
     ids_.push_back(picture.id);
     T_w_m_.push_back(picture.T_w_m);
@@ -90,10 +86,11 @@ LateResult PictureRelocalizer::resultOf(const RelocalizationQuery& query,
   return result;
 }
 
-std::span<const LateResult> PictureRelocalizer::locate(const RelocalizationQuery& query) {
+std::span<const LateResult> PictureRelocalizer::locate(const RelocalizationQuery& query,
+                                                       const CameraModel& camera) {
   ++counts_.searches;
   results_.clear();
-  const PictureSearch search = finder_.find(query.image, camera_, candidatesFor(query.last));
+  const PictureSearch search = finder_.find(query.image, camera, candidatesFor(query.last));
   counts_.not_verified += static_cast<std::uint64_t>(search.proposed) - search.found.size();
   for (const FoundPicture& found : search.found) {
     if (isOneOfAKind(found)) results_.push_back(resultOf(query, found));

@@ -61,18 +61,18 @@ struct RelocalizationCounts {
 class PictureRelocalizer {
  public:
   // Takes the set. Precondition: options.invalidReason() is empty.
-  PictureRelocalizer(std::vector<PosedNaturalMarker> pictures, const CameraModel& camera,
-                     const PictureRelocalizerOptions& options = {});
+  explicit PictureRelocalizer(std::vector<PosedNaturalMarker> pictures,
+                              const PictureRelocalizerOptions& options = {});
   PictureRelocalizer(const PictureRelocalizer&) = delete;
   PictureRelocalizer& operator=(const PictureRelocalizer&) = delete;
 
   // The pictures in the frame that can be told from all others: `landmark` is the picture's id,
   // T_m_c the camera in the picture's frame, covariance of its delta (Transform::retract); with the
-  // other pose, where the image leaves one open. Valid until the next call.
-  [[nodiscard]] std::span<const LateResult> locate(const RelocalizationQuery& query);
+  // other pose, where the image leaves one open. Valid until the next call. camera: the lens in
+  // use.
+  [[nodiscard]] std::span<const LateResult> locate(const RelocalizationQuery& query,
+                                                   const CameraModel& camera);
 
-  // The lens of the images to come, learned since.
-  void setCamera(const CameraModel& camera) { camera_ = camera; }
   // Where a picture hangs, found by the map since; empty: not known any more. Precondition:
   // `picture` is in the set.
   void setPose(int picture, const std::optional<Transform>& T_w_m);
@@ -88,7 +88,6 @@ class PictureRelocalizer {
   [[nodiscard]] LateResult resultOf(const RelocalizationQuery& query, const FoundPicture& found);
 
   PictureRelocalizerOptions options_;
-  CameraModel camera_;
   std::vector<NaturalMarker> markers_;
   std::vector<int> ids_;
   std::vector<std::optional<Transform>> T_w_m_;

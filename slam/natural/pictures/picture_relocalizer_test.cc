@@ -44,11 +44,12 @@ class PictureRelocalizerTest : public ::testing::Test {
 };
 
 TEST_F(PictureRelocalizerTest, TellsWhereTheCameraWasOfThePicture) {
-  PictureRelocalizer relocalizer(row(3), scene_.camera);
+  PictureRelocalizer relocalizer(row(3));
   const Transform T_c_m = testing::pictureAt(0.6, 0.5, 0.7, 0.3);
   const cv::Mat image = seen(2, T_c_m);
   const auto results = relocalizer.locate(
-      {.time = {41, 1'000}, .generation = 7, .image = testing::viewOf(image), .last = {}});
+      {.time = {41, 1'000}, .generation = 7, .image = testing::viewOf(image), .last = {}},
+      scene_.camera);
   ASSERT_EQ(results.size(), 1U);
   EXPECT_EQ(results[0].sequence, 41U);
   EXPECT_EQ(results[0].generation, 7U);
@@ -87,32 +88,32 @@ TEST_F(PictureRelocalizerTest, TurnsTheCovarianceAround) {
 TEST_F(PictureRelocalizerTest, LooksNearTheLastPlaceAndEverywhereWhenLost) {
   PictureRelocalizerOptions options;
   options.nearby.most = 1;
-  PictureRelocalizer relocalizer(row(5), scene_.camera, options);
+  PictureRelocalizer relocalizer(row(5), options);
   const cv::Mat image = seen(4, testing::pictureAt(0.6, 0.3, 0.7, 0.3));
   RelocalizationQuery query{
       .time = {1, 1'000}, .generation = 0, .image = testing::viewOf(image), .last = LastPlace{}};
-  EXPECT_TRUE(relocalizer.locate(query).empty());  // at the other end of the row
+  EXPECT_TRUE(relocalizer.locate(query, scene_.camera).empty());  // at the other end of the row
   query.last->T_w_c.p.x() = 8.0;
-  EXPECT_EQ(relocalizer.locate(query).size(), 1U);
+  EXPECT_EQ(relocalizer.locate(query, scene_.camera).size(), 1U);
   query.last->T_w_c.p.x() = 0.0;
   query.last->position_covariance = 4.0 * Eigen::Matrix3d::Identity();  // 3 sigma are 6 m
-  EXPECT_EQ(relocalizer.locate(query).size(), 1U);
+  EXPECT_EQ(relocalizer.locate(query, scene_.camera).size(), 1U);
   query.last.reset();
-  EXPECT_EQ(relocalizer.locate(query).size(), 1U);
+  EXPECT_EQ(relocalizer.locate(query, scene_.camera).size(), 1U);
   // One whose place is not known may be anywhere.
   query.last = LastPlace{};
   relocalizer.setPose(4, std::nullopt);
-  EXPECT_EQ(relocalizer.locate(query).size(), 1U);
+  EXPECT_EQ(relocalizer.locate(query, scene_.camera).size(), 1U);
 }
 
 TEST_F(PictureRelocalizerTest, WhatIsOpenIsNotTold) {
   std::vector<PosedNaturalMarker> pictures = row(2);
   pictures.push_back({2, posterNumber(101), {}});  // the second one's print, hung elsewhere
-  PictureRelocalizer relocalizer(std::move(pictures), scene_.camera);
+  PictureRelocalizer relocalizer(std::move(pictures));
   const cv::Mat image = seen(1, testing::pictureAt(0.6, 0.3, 0.7, 0.3));
   const RelocalizationQuery query{
       .time = {1, 1'000}, .generation = 0, .image = testing::viewOf(image), .last = {}};
-  EXPECT_TRUE(relocalizer.locate(query).empty());
+  EXPECT_TRUE(relocalizer.locate(query, scene_.camera).empty());
   EXPECT_EQ(relocalizer.counts().alike, 2U);
   EXPECT_EQ(relocalizer.counts().located, 0U);
 }
@@ -120,8 +121,8 @@ TEST_F(PictureRelocalizerTest, WhatIsOpenIsNotTold) {
 // Small, far and nearly from the front both poses of the plane look alike: what is told as decided
 // is right. Who wants more of a decision is told both, one of which is right.
 TEST_F(PictureRelocalizerTest, OfASmallPictureBothPosesAreKept) {
-  PictureRelocalizer relocalizer(row(1), scene_.camera);
-  PictureRelocalizer cautious(row(1), scene_.camera, {.min_ambiguity_ratio = 1e5});
+  PictureRelocalizer relocalizer(row(1));
+  PictureRelocalizer cautious(row(1), {.min_ambiguity_ratio = 1e5});
   int decided = 0;
   int open = 0;
   for (unsigned seed = 1; seed <= 8; ++seed) {
@@ -135,12 +136,12 @@ TEST_F(PictureRelocalizerTest, OfASmallPictureBothPosesAreKept) {
     };
     const RelocalizationQuery query{
         .time = {seed, 1'000}, .generation = 0, .image = testing::viewOf(image), .last = {}};
-    for (const LateResult& found : relocalizer.locate(query)) {
+    for (const LateResult& found : relocalizer.locate(query, scene_.camera)) {
       if (!found.decided) continue;
       ++decided;
       EXPECT_LT(nees(found.T_m_c, found.covariance), 22.5) << "seed " << seed;
     }
-    for (const LateResult& found : cautious.locate(query)) {
+    for (const LateResult& found : cautious.locate(query, scene_.camera)) {
       EXPECT_EQ(found.decided, !found.other) << "seed " << seed;
       if (found.decided) continue;
       ++open;
@@ -157,18 +158,20 @@ TEST_F(PictureRelocalizerTest, OfASmallPictureBothPosesAreKept) {
 }
 
 TEST_F(PictureRelocalizerTest, AnEmptyImageHasNothing) {
-  PictureRelocalizer relocalizer(row(1), scene_.camera);
+  PictureRelocalizer relocalizer(row(1));
   const cv::Mat blank(480, 640, CV_8U, cv::Scalar(90));
   EXPECT_TRUE(
       relocalizer
           .locate(
-              {.time = {1, 1'000}, .generation = 0, .image = testing::viewOf(blank), .last = {}})
+              {.time = {1, 1'000}, .generation = 0, .image = testing::viewOf(blank), .last = {}},
+              scene_.camera)
           .empty());
-  PictureRelocalizer without({}, scene_.camera);
+  PictureRelocalizer without(std::vector<PosedNaturalMarker>{});
   EXPECT_TRUE(
       without
           .locate(
-              {.time = {1, 1'000}, .generation = 0, .image = testing::viewOf(blank), .last = {}})
+              {.time = {1, 1'000}, .generation = 0, .image = testing::viewOf(blank), .last = {}},
+              scene_.camera)
           .empty());
   EXPECT_NE((PictureRelocalizerOptions{.min_ambiguity_ratio = 0.5}).invalidReason(), "");
   EXPECT_EQ(PictureRelocalizerOptions{}.invalidReason(), "");
