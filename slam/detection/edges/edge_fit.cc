@@ -14,10 +14,21 @@
 namespace waymark::slam {
 namespace {
 
-// The unknowns: shift at start and end, white, black, blur, and the slopes of white and black along
-// the edge.
-enum Unknown { kShiftStart, kShiftEnd, kWhite, kBlack, kBlur, kWhiteSlope, kBlackSlope };
-constexpr std::size_t kUnknowns = 7;
+// The unknowns: shift at start and end, white, black, blur, the slopes of white and black along the
+// edge, how much lighter than white it is behind the paper, and by how much the paper's margin is
+// wider than the border.
+enum Unknown {
+  kShiftStart,
+  kShiftEnd,
+  kWhite,
+  kBlack,
+  kBlur,
+  kWhiteSlope,
+  kBlackSlope,
+  kBehind,
+  kMargin
+};
+constexpr std::size_t kUnknowns = 9;
 using VectorU = Eigen::Matrix<double, kUnknowns, 1>;
 using MatrixU = Eigen::Matrix<double, kUnknowns, kUnknowns>;
 
@@ -30,8 +41,7 @@ constexpr std::size_t kWeights = kSquares + 1;
 constexpr std::size_t kThird = kWeights + 1;
 constexpr std::size_t kFourth = kThird + 1;
 constexpr std::size_t kGradientSecond = kFourth + 1;
-constexpr std::size_t kSums = kGradientSecond + 1;
-static_assert(kSums % kLanes == 0);
+constexpr std::size_t kSums = (kGradientSecond + kLanes) / kLanes * kLanes;  // the last are none
 
 struct NormalSums {
   alignas(32) std::array<float, kSums> sums{};
@@ -59,36 +69,104 @@ struct NormalSums {
 };
 
 // Which steps of eight rows are not plains: whether any of their samples is near the side before or
-// after, or in front of a white cell.
+// after, in front of a white cell, or near the end of the paper: then those from `margin_from` to
+// before `margin_to`.
 struct Neighbours {
   bool start;
   bool end;
   bool ring;
+  std::size_t margin_from;
+  std::size_t margin_to;
 };
 using GroupNeighbours = std::array<Neighbours, EdgeRows::kMaxRows / kLanes>;
 
 // blur_px: the largest that is to be reckoned with.
 void findNeighbours(const EdgeRows& rows, float blur_px, GroupNeighbours* groups) {
+  // So far within the paper, in standard deviations of the blur, what is behind it is not seen, and
+  // so narrow, as a share of the border, a margin may be.
+  constexpr float kBehindReach = 2.0F;
+  constexpr float kNarrowMargin = 0.7F;
   const float reach = kBlurReach * blur_px;
   const auto last = static_cast<float>(rows.across() - 1);
   for (std::size_t first = 0; first < rows.rows(); first += kLanes) {
     Neighbours& group = (*groups)[first / kLanes];
-    group = {};
+    group = {
+        .start = false, .end = false, .ring = false, .margin_from = rows.across(), .margin_to = 0};
     for (std::size_t i = first; i < first + kLanes; ++i) {
       if (rows.innermost[i] > rows.outermost[i]) continue;  // nothing counts
       group.start |= rows.to_start[i] + std::min(0.0F, last * rows.to_start_step) < reach;
       group.end |= rows.to_end[i] + std::min(0.0F, last * rows.to_end_step) < reach;
       group.ring |= rows.ring_white[i] > 0.0F && rows.thickness[i] + rows.innermost[i] < reach;
+      const float paper = kNarrowMargin * rows.thickness[i] - kBehindReach * blur_px;
+      if (rows.outermost[i] <= paper) continue;
+      const float to_paper = (paper - rows.distance[i]) / rows.step[i];  // samples
+      const auto at = static_cast<std::size_t>(std::clamp(to_paper, 0.0F, last));
+      if (rows.step[i] > 0.0F) {
+        group.margin_from = std::min(group.margin_from, at);
+        group.margin_to = rows.across();
+      } else {
+        group.margin_from = 0;
+        group.margin_to = std::max(group.margin_to, at + 1);
+      }
     }
   }
 }
 
-// Sums over the samples of eight rows: what the normal equations are made of. s, l, d and b are the
-// derivatives by shift, white, black and blur; r is the residual.
+// A sample's derivatives by shift, white, black, blur, what is behind the paper, and where it ends.
+struct Derivatives {
+  Lanes shift, light, dark, blur;
+  Lanes beyond{}, margin{};
+};
+
+// Sums over the samples of eight rows: what the normal equations are made of. s, l, d, b, m and e
+// are the derivatives, in their order; r is the residual.
 struct RowSums {
   Lanes ss{}, sl{}, sd{}, sb{}, ll{}, ld{}, dd{}, lb{}, db{}, bb{};
-  Lanes sr{}, lr{}, dr{}, br{};
+  Lanes sm{}, lm{}, dm{}, bm{}, mm{};
+  Lanes se{}, le{}, de{}, be{}, me{}, ee{};
+  Lanes sr{}, lr{}, dr{}, br{}, mr{}, er{};
   Lanes rr{}, weights{};
+
+  WAYMARK_INLINE void add(const Derivatives& by, const Lanes& residual, const Lanes& weight) {
+    const Lanes ws = weight * by.shift;
+    const Lanes wl = weight * by.light;
+    const Lanes wd = weight * by.dark;
+    const Lanes wb = weight * by.blur;
+    ss += ws * by.shift;
+    sl += ws * by.light;
+    sd += ws * by.dark;
+    sb += ws * by.blur;
+    ll += wl * by.light;
+    ld += wl * by.dark;
+    dd += wd * by.dark;
+    lb += wl * by.blur;
+    db += wd * by.blur;
+    bb += wb * by.blur;
+    sr += ws * residual;
+    lr += wl * residual;
+    dr += wd * residual;
+    br += wb * residual;
+    rr += weight * residual * residual;
+    weights += weight;
+  }
+  // In addition, near the end of the paper.
+  WAYMARK_INLINE void addMargin(const Derivatives& by, const Lanes& residual, const Lanes& weight) {
+    const Lanes wm = weight * by.beyond;
+    sm += wm * by.shift;
+    lm += wm * by.light;
+    dm += wm * by.dark;
+    bm += wm * by.blur;
+    mm += wm * by.beyond;
+    mr += wm * residual;
+    const Lanes we = weight * by.margin;
+    se += we * by.shift;
+    le += we * by.light;
+    de += we * by.dark;
+    be += we * by.blur;
+    me += we * by.beyond;
+    ee += we * by.margin;
+    er += we * residual;
+  }
 };
 
 // The terms of NormalSums that eight rows add, each row's t put in.
@@ -97,16 +175,23 @@ WAYMARK_INLINE void termsOf(const RowSums& s, const Lanes& t, std::array<Lanes, 
   const Lanes c = t - 0.5F;
   const Lanes cc = c * c;
   const Lanes tt = t * t;
-  *terms = {u * u * s.ss,                                                               // start
-            u * t * s.ss, t * t * s.ss,                                                 // end
-            u * s.sl,     t * s.sl,     s.ll,                                           // white
-            u * s.sd,     t * s.sd,     s.ld,     s.dd,                                 // black
-            u * s.sb,     t * s.sb,     s.lb,     s.db,      s.bb,                      // blur
-            c * u * s.sl, c * t * s.sl, c * s.ll, c * s.ld,  c * s.lb,      cc * s.ll,  // slopes
-            c * u * s.sd, c * t * s.sd, c * s.ld, c * s.dd,  c * s.db,      cc * s.ld,
-            cc * s.dd,    u * s.sr,     t * s.sr, s.lr,      s.dr,          s.br,
-            c * s.lr,     c * s.dr,     s.rr,     s.weights, tt * t * s.ss, tt * tt * s.ss,
-            tt * s.sr};
+  *terms = {
+      u * u * s.ss,                                                                    // start
+      u * t * s.ss, t * t * s.ss,                                                      // end
+      u * s.sl,     t * s.sl,     s.ll,                                                // white
+      u * s.sd,     t * s.sd,     s.ld,          s.dd,                                 // black
+      u * s.sb,     t * s.sb,     s.lb,          s.db,           s.bb,                 // blur
+      c * u * s.sl, c * t * s.sl, c * s.ll,      c * s.ld,       c * s.lb, cc * s.ll,  // slopes
+      c * u * s.sd, c * t * s.sd, c * s.ld,      c * s.dd,       c * s.db, cc * s.ld,
+      cc * s.dd,                                                                      //
+      u * s.sm,     t * s.sm,     s.lm,          s.dm,           s.bm,     c * s.lm,  // behind
+      c * s.dm,     s.mm,                                                             //
+      u * s.se,     t * s.se,     s.le,          s.de,           s.be,     c * s.le,  // margin
+      c * s.de,     s.me,         s.ee,                                               //
+      u * s.sr,     t * s.sr,     s.lr,          s.dr,           s.br,     c * s.lr,  // gradient
+      c * s.dr,     s.mr,         s.er,                                               //
+      s.rr,         s.weights,    tt * t * s.ss, tt * tt * s.ss,                      //
+      tt * s.sr};
 }
 
 // cut: squared residual at which a pixel's weight has fallen to a half (Cauchy's kernel).
@@ -117,6 +202,8 @@ WAYMARK_VECTORIZED void linearize(const EdgeRows& rows, const GroupNeighbours& n
   const float contrast = x[kBlack] - x[kWhite];
   const float per_cut = 1.0F / cut;
   const float per_blur = 1.0F / x[kBlur];
+  const float behind = x[kBehind];
+  const float margin = x[kMargin];
   const Lanes none{};
   std::array<Lanes, kSums> sums;
   for (std::size_t i = 0; i < rows.rows(); i += kLanes) {
@@ -162,33 +249,24 @@ WAYMARK_VECTORIZED void linearize(const EdgeRows& rows, const GroupNeighbours& n
         dark *= within;
         factor *= within;
       }
-      by_shift *= factor;
       const Lanes light = 1.0F - dark;
-      const Lanes by_blur = -by_spread * factor;
-      const Lanes residual = light * white + dark * black - lanesAt(grey, k * kLanes);
+      Derivatives by{by_shift * factor, light, dark, -by_spread * factor};
+      Lanes residual = light * white + dark * black - lanesAt(grey, k * kLanes);
+      const bool near_margin = k >= near.margin_from && k < near.margin_to;
+      if (near_margin) {  // the paper ends where its margin does, and moves with the edge
+        const Lanes outer = -place - (lanesAt(rows.thickness.data(), i) + margin) * per_blur;
+        blurredStepAt(outer, &edge);
+        residual += behind * edge.height;
+        by.beyond = edge.height;
+        by.margin = -behind * per_blur * edge.slope;
+        by.shift += by.margin;
+        by.blur += by.margin * outer;
+      }
       const IntLanes counts = (distance >= innermost) & (distance <= outermost);
       const Lanes robust = 1.0F / (1.0F + residual * residual * per_cut);
       const Lanes weight = counts ? robust : none;
-      const Lanes ws = weight * by_shift;
-      const Lanes wl = weight * light;
-      const Lanes wd = weight * dark;
-      const Lanes wb = weight * by_blur;
-      s.ss += ws * by_shift;
-      s.sl += ws * light;
-      s.sd += ws * dark;
-      s.sb += ws * by_blur;
-      s.ll += wl * light;
-      s.ld += wl * dark;
-      s.dd += wd * dark;
-      s.lb += wl * by_blur;
-      s.db += wd * by_blur;
-      s.bb += wb * by_blur;
-      s.sr += ws * residual;
-      s.lr += wl * residual;
-      s.dr += wd * residual;
-      s.br += wb * residual;
-      s.rr += weight * residual * residual;
-      s.weights += weight;
+      s.add(by, residual, weight);
+      if (near_margin) s.addMargin(by, residual, weight);
       distance += step;
       to_start += rows.to_start_step;
       to_end += rows.to_end_step;
@@ -257,19 +335,24 @@ std::string EdgeFitOptions::invalidReason() const {
       {isPositive(max_shift_px), "the largest shift of an edge must be positive"},
       {min_pixels >= 1, "an edge needs at least 1 pixel"},
       {isPositive(outlier_chi2), "the chi-square of an edge's outliers must be positive"},
-      {isPositive(slope_sigma) && isPositive(blur_sigma_px),
+      {isPositive(slope_sigma) && isPositive(blur_sigma_px) && isPositive(behind_sigma) &&
+           isPositive(margin_sigma),
        "the sigmas of an edge's priors must be positive"},
   });
 }
 
 std::optional<EdgeFit> fitEdge(const EdgeRows& rows, const EdgeFit& start,
                                const EdgeFitOptions& options) {
-  constexpr double kConverged = 0.02;  // pixels: the next step would be a quarter of it at most
-  constexpr double kMaxStep = 1.5;     // pixels
+  constexpr double kConverged = 0.02;    // pixels: the next step would be a quarter of it at most
+  constexpr double kMaxStep = 1.5;       // pixels
+  constexpr double kMostOfMargin = 0.8;  // by which it may be narrower or wider than the border
+  constexpr double kRareMargin = 0.7;    // standard deviations beyond the usual ones, a share of it
   if (pixelsIn(rows) < options.min_pixels) return std::nullopt;
+  const double border_px = rows.thickness[0];
 
   VectorU x;
-  x << start.shift_start, start.shift_end, start.white, start.black, start.blur_px, 0.0, 0.0;
+  x << start.shift_start, start.shift_end, start.white, start.black, start.blur_px, 0.0, 0.0,
+      start.behind, start.margin_px;
   constexpr double kMaxGrowth = 1.3;  // of the blur
   GroupNeighbours neighbours;
   findNeighbours(rows, static_cast<float>(kMaxGrowth * start.blur_px), &neighbours);
@@ -295,6 +378,10 @@ std::optional<EdgeFit> fitEdge(const EdgeRows& rows, const EdgeFit& start,
     prior(kBlur, start.blur_px, options.blur_sigma_px);
     prior(kWhiteSlope, 0.0, options.slope_sigma);
     prior(kBlackSlope, 0.0, options.slope_sigma);
+    prior(kBehind, 0.0, options.behind_sigma);
+    // Few margins are otherwise than most, but those by much.
+    const double usual_px = options.margin_sigma * border_px;
+    prior(kMargin, 0.0, std::hypot(usual_px, kRareMargin * x[kMargin]));
 
     L = H;
     if (!factorizeCholesky(&L)) return std::nullopt;
@@ -305,6 +392,7 @@ std::optional<EdgeFit> fitEdge(const EdgeRows& rows, const EdgeFit& start,
     }
     x -= step;
     x[kBlur] = std::clamp(x[kBlur], options.min_blur_px, options.max_blur_px);
+    x[kMargin] = std::clamp(x[kMargin], -kMostOfMargin * border_px, kMostOfMargin * border_px);
     if (std::max(std::abs(x[kShiftStart]), std::abs(x[kShiftEnd])) > options.max_shift_px) {
       return std::nullopt;
     }
@@ -317,6 +405,8 @@ std::optional<EdgeFit> fitEdge(const EdgeRows& rows, const EdgeFit& start,
               .white = x[kWhite],
               .black = x[kBlack],
               .blur_px = x[kBlur],
+              .behind = x[kBehind],
+              .margin_px = x[kMargin],
               .variance = variance};
   fit.covariance.col(0) =
       variance * solveCholesky<kUnknowns>(L, VectorU::Unit(kShiftStart)).head<2>();

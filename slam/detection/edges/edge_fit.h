@@ -2,8 +2,8 @@
 //
 // A camera makes a blurred step of the border's edge. The maximum-likelihood position of that step
 // needs no gradient threshold and leans neither to the dark nor to the light side. The corners at
-// either end and the code cells behind the border are part of the model: on small markers they lie
-// within the blur of the edge.
+// either end, the code cells behind the border and the end of the paper's margin are part of the
+// model: on small markers they lie within the blur of the edge.
 #pragma once
 
 #include <optional>
@@ -23,6 +23,10 @@ struct EdgeFit {
   double white = 180.0;                                  // grey level outside
   double black = 50.0;                                   // grey level of the border
   double blur_px = 0.9;                                  // standard deviation of the point spread
+  // Where the paper ends, if pixels near the edge tell: how much lighter it is behind it, grey
+  // levels, and how much wider than the border the paper's white margin is, pixels.
+  double behind = 0.0;
+  double margin_px = 0.0;
   // How far the edge's middle lies outwards of the line through its ends, if it is curved, and the
   // variance of that, pixels.
   double bow_px = 0.0;
@@ -52,6 +56,11 @@ struct EdgeFitOptions {
   // change from end to end, grey levels, and how much the blur does from the start's, pixels.
   double slope_sigma = 10.0;
   double blur_sigma_px = 0.5;
+  // Likewise of what is behind the paper, grey levels about the paper's own, and of most margins'
+  // width about the border's, a share of it. A larger share stands other margins better, and knows
+  // the edges of small markers less well.
+  double behind_sigma = 80.0;
+  double margin_sigma = 0.03;
 
   // Empty when usable, else what is wrong.
   [[nodiscard]] std::string invalidReason() const;

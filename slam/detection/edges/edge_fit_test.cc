@@ -17,6 +17,8 @@ struct Truth {
   double thickness = 6.0;   // of the border, pixels
   bool white_ring = false;  // the cells behind the border
   bool ring_known = true;
+  double margin = 100.0;   // of the paper, pixels
+  double behind = -100.0;  // grey levels against the paper's
 };
 
 double gaussian(double x) { return 0.5 * std::erfc(-x / std::sqrt(2.0)); }
@@ -50,7 +52,10 @@ EdgeRows render(const Truth& truth, double reach, std::mt19937* rng) {
       const double d = nearest + static_cast<double>(k);
       double dark = gaussian((shift - d) / truth.blur_px);
       if (truth.white_ring) dark -= gaussian((shift - d - truth.thickness) / truth.blur_px);
-      rows.setGrey(number, k, static_cast<float>(200.0 - 160.0 * dark + truth.noise * noise(*rng)));
+      const double beyond = gaussian((d - shift - truth.margin) / truth.blur_px);
+      rows.setGrey(number, k,
+                   static_cast<float>(200.0 - 160.0 * dark + truth.behind * beyond +
+                                      truth.noise * noise(*rng)));
     }
   }
   rows.ignorePadding();
@@ -156,6 +161,47 @@ TEST_F(EdgeFitTest, TheCellsAreWhereTheBorderEndsWhateverTheGuess) {
     EXPECT_NEAR(fit->shift_start, off_px, 0.02) << off_px;
     EXPECT_NEAR(fit->shift_end, off_px, 0.02) << off_px;
   }
+}
+
+// Two pixels beyond the edge the paper ends, whose margin may be somewhat narrower or wider than
+// the border. While nothing was known of that, the wall behind it pulled the edge inwards by 0.14
+// pixels.
+TEST_F(EdgeFitTest, WhatIsBehindThePaperDoesNotPull) {
+  for (const double behind : {-160.0, -80.0, 0.0, 40.0}) {
+    for (const double margin : {1.8, 2.2, 2.6}) {
+      Truth truth;
+      truth.thickness = 2.2;
+      truth.blur_px = 0.65;
+      truth.margin = margin;
+      truth.behind = behind;
+      const auto fit = fitEdge(render(truth, 3.4, &rng_), {}, options_);
+      ASSERT_TRUE(fit);
+      EXPECT_NEAR(fit->shift_start, truth.shift_start, 0.02) << behind << ' ' << margin;
+      EXPECT_NEAR(fit->shift_end, truth.shift_end, 0.02) << behind << ' ' << margin;
+      if (behind == 0.0) continue;
+      EXPECT_NEAR(fit->behind, behind, 0.1 * std::abs(behind)) << margin;
+      EXPECT_NEAR(fit->margin_px, margin - truth.thickness, 0.1) << behind;
+    }
+  }
+}
+
+TEST_F(EdgeFitTest, CovarianceIsHonestWhereThePaperEnds) {
+  constexpr int kTrials = 500;
+  Truth truth;
+  truth.thickness = truth.margin = 2.2;
+  truth.blur_px = 0.65;
+  truth.noise = 4.0;
+  double squares = 0.0;
+  double bias = 0.0;
+  for (int i = 0; i < kTrials; ++i) {
+    const auto fit = fitEdge(render(truth, 3.4, &rng_), {}, options_);
+    ASSERT_TRUE(fit);
+    const double error = fit->shift_start - truth.shift_start;
+    squares += error * error / fit->covariance(0, 0);
+    bias += error;
+  }
+  EXPECT_NEAR(squares / kTrials, 1.0, 0.25);
+  EXPECT_LT(std::abs(bias / kTrials), 0.01);
 }
 
 TEST_F(EdgeFitTest, AFewWrongPixelsDoNotMoveIt) {

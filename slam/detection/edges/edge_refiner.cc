@@ -19,18 +19,16 @@ struct SideWindow {
   double end_margin;
 };
 
-// soft: what is behind the paper may blur into its quiet zone.
-SideWindow windowFor(const MarkerSide& side, double blur_px, bool code_known, bool soft,
+SideWindow windowFor(const MarkerSide& side, double blur_px, bool code_known,
                      const EdgeWindowOptions& options) {
   const double wanted = options.reach_per_blur * blur_px + options.reach_px;
   const double border = std::min(side.thickness_start, side.thickness_end);
-  const auto within = [&](double share) {
-    return std::clamp(wanted, options.min_reach_px, std::max(options.min_reach_px, share * border));
+  const auto within = [&](double reach, double share) {
+    return std::clamp(reach, options.min_reach_px, std::max(options.min_reach_px, share * border));
   };
-  const double clear = soft ? 1.0 - options.behind_per_blur * blur_px / border : 1.0;
   return {
-      within(std::min(options.max_outside, clear)),
-      within(code_known ? options.max_inside : options.max_inside_without_code),
+      within(wanted + options.more_outside_px, options.max_outside),
+      within(wanted, code_known ? options.max_inside : options.max_inside_without_code),
       std::min(options.end_per_blur * blur_px + options.end_px, options.max_end * side.length_px)};
 }
 
@@ -70,20 +68,29 @@ std::optional<Corner> intersect(const MarkerSide& in, const EdgeFit& in_fit, con
   return corner;
 }
 
-// How white the cell behind the border is at t. Only the nearest boundary between cells matters.
+// How white the cells behind the border are at t, a share of the side, blurred along it.
 float ringWhite(const MarkerSide& side, const InnerRing& ring, std::size_t index, double t,
                 double blur_px) {
+  constexpr int kNear = 2;  // boundaries on either side of the nearest one that are reckoned with
   const double d = t + side.perspective * (1.0 - t);
   const double u = side.cells * t / d;  // MarkerSide::printCoordinate()
-  // u is not negative. NOLINTNEXTLINE(bugprone-incorrect-roundings)
-  const int boundary = static_cast<int>(u + 0.5);
-  const float before = ring.cell(index, boundary - 1);
-  const float after = ring.cell(index, boundary);
-  if (before == after) return before;
-  const double per_cell = side.length_px / (side.cells * side.perspective * blur_px);
-  BlurredStep<float> step{};
-  blurredStepAt(static_cast<float>((u - boundary) * d * d * per_cell), &step);
-  return before + step.height * (after - before);
+  // Where u is negative nothing is white. NOLINTNEXTLINE(bugprone-incorrect-roundings)
+  const int nearest = static_cast<int>(u + 0.5);
+  const double per_cell = d * d * side.length_px / (side.cells * side.perspective * blur_px);
+  float cell = ring.cell(index, nearest - kNear - 1);
+  float white = cell;
+  for (int boundary = nearest - kNear; boundary <= nearest + kNear; ++boundary) {
+    const float next = ring.cell(index, boundary);
+    if (next == cell) continue;
+    const auto beyond = static_cast<float>((u - boundary) * per_cell);
+    if (beyond > -kBlurReach) {
+      BlurredStep<float> step{};
+      blurredStepAt(beyond, &step);
+      white += (next - cell) * step.height;
+    }
+    cell = next;
+  }
+  return white;
 }
 
 // Rows of pixels across a side.
@@ -184,6 +191,8 @@ WAYMARK_VECTORIZED void sumBands(const EdgeRows& rows, const EdgeFit& fit, Bands
   const auto f = [](double value) { return static_cast<float>(value); };
   const float white = f(fit.white);
   const float contrast = f(fit.white - fit.black);
+  const float behind = f(fit.behind);
+  const float margin = f(fit.margin_px);
   const float per_blur = 1.0F / f(fit.blur_px);
   const float start = f(fit.shift_start);
   const float slope = f(fit.shift_end - fit.shift_start);
@@ -203,7 +212,9 @@ WAYMARK_VECTORIZED void sumBands(const EdgeRows& rows, const EdgeFit& fit, Bands
       const Lanes outside = distance - shift;
       BlurredStep<Lanes> edge;
       blurredStepAt(-outside * per_blur, &edge);
-      const Lanes residual = lanesAt(grey, k * kLanes) - (white - contrast * edge.height);
+      const Lanes paper = white - contrast * edge.height;
+      blurredStepAt((outside - margin - lanesAt(rows.thickness.data(), i)) * per_blur, &edge);
+      const Lanes residual = lanesAt(grey, k * kLanes) - paper - behind * edge.height;
       const IntLanes counts = (distance >= innermost) & (distance <= outermost);
       const IntLanes far = counts & (outside >= bands->far);
       const IntLanes near = counts & (outside >= near_from) & (outside < bands->far);
@@ -263,7 +274,7 @@ bool isBent(const EdgeFit& fit, const EdgeRefinerOptions& options) {
 std::string EdgeWindowOptions::invalidReason() const {
   return firstUnmet({
       {isNotNegative(reach_per_blur) && isNotNegative(reach_px) && isPositive(min_reach_px) &&
-           isNotNegative(behind_per_blur),
+           isNotNegative(more_outside_px),
        "the reach of a side's window must be positive"},
       {isPositive(max_outside) && isPositive(max_inside) && isPositive(max_inside_without_code),
        "the shares of a border that a side's window may take must be positive"},
@@ -321,8 +332,7 @@ void EdgeRefiner::layOutRows(const PlacedImage& placed, const std::array<MarkerS
                              double blur_px) {
   const ImageView& image = placed.image;
   const MarkerSide& side = sides[index];
-  const SideWindow window =
-      windowFor(side, blur_px, ring != nullptr, isSoft(blur_px, placed), options_.window);
+  const SideWindow window = windowFor(side, blur_px, ring != nullptr, options_.window);
   // Rows follow each other along the side's longer axis, and cross it along the other.
   const Eigen::Vector2d delta_px = side.end_px - side.start_px;
   const Eigen::Index major = std::abs(delta_px.x()) >= std::abs(delta_px.y()) ? 0 : 1;
@@ -351,9 +361,15 @@ void EdgeRefiner::layOutRows(const PlacedImage& placed, const std::array<MarkerS
   crossRows(side, window, {major, first, step, last_minor, static_cast<float>(reach)}, &rows_,
             first_sample_.data());
 
+  // Rows need not be at right angles to the side: they reach the cells further along it, or less
+  // far, than where they cross it.
+  const double slant_t = delta_px[minor] / (side.length_px * side.length_px);  // a sample
   for (std::size_t row = 0; row < static_cast<std::size_t>(count); ++row) {
+    const double samples = -double{rows_.thickness[row]} / double{rows_.step[row]};
     rows_.ring_white[row] =
-        ring == nullptr ? 0.0F : ringWhite(side, *ring, index, double{rows_.t[row]}, blur_px);
+        ring == nullptr
+            ? 0.0F
+            : ringWhite(side, *ring, index, double{rows_.t[row]} + samples * slant_t, blur_px);
     const int c = first + static_cast<int>(row) * step;
     const int low = first_sample_[row];
     const auto greyAt = [&](int r) {

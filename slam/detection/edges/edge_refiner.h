@@ -22,18 +22,19 @@ namespace waymark::slam {
 
 // How far from a side, and how near its ends, its pixels are looked at. Wide enough for the blur
 // (so many pixels for each of its standard deviations, and some more), but not beyond what the
-// model knows: outside, the quiet zone is taken to be as wide as the border; inside, the cells
-// behind the border are known only with the code.
+// model knows: inside, the cells behind the border are known only with the code; outside, the paper
+// has a white margin about as wide as the border, and then anything.
 struct EdgeWindowOptions {
   double reach_per_blur = 2.5;  // pixels a pixel of blur
   double reach_px = 0.7;        // and these
   double min_reach_px = 1.5;    // however thin the border is
+  // Outside there are these more: a small marker's margin ends within them, and what is behind it
+  // has to be seen to be known. More knows the white better, and sees more of what is no paper.
+  double more_outside_px = 1.0;
   // Shares of the border's thickness.
-  double max_outside = 0.9;
+  double max_outside = 1.6;
   double max_inside = 1.0;
   double max_inside_without_code = 0.6;
-  // Outside of soft edges, where what is behind the paper blurs into its quiet zone: left out.
-  double behind_per_blur = 1.5;  // pixels a pixel of blur
   // At the ends, where the corners are round: left out.
   double end_per_blur = 1.2;  // pixels a pixel of blur
   double end_px = 0.5;        // and these
