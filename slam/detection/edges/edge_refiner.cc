@@ -395,6 +395,8 @@ std::optional<RefinedQuad> EdgeRefiner::refine(const PlacedImage& placed,
   quad.normalized = corners;
   if (edges != nullptr) {
     quad.edges = *edges;
+    // A wrong idea of what is behind the paper would go on from frame to frame.
+    for (EdgeFit& fit : quad.edges) fit.behind = fit.margin_px = 0.0;
   } else {
     for (EdgeFit& fit : quad.edges) fit.blur_px = options_.initial_blur_px;
   }
