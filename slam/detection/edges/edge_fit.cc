@@ -118,14 +118,29 @@ struct Derivatives {
   Lanes beyond{}, margin{};
 };
 
-// Sums over the samples of eight rows: what the normal equations are made of. s, l, d, b, m and e
-// are the derivatives, in their order; r is the residual.
+// What one derivative has in common with the others and the residual, summed over samples.
+struct CrossSums {
+  Lanes shift{}, light{}, dark{}, blur{}, beyond{}, residual{};
+
+  // weighted: the derivative, times the sample's weight.
+  WAYMARK_INLINE void add(const Lanes& weighted, const Derivatives& by, const Lanes& r) {
+    shift += weighted * by.shift;
+    light += weighted * by.light;
+    dark += weighted * by.dark;
+    blur += weighted * by.blur;
+    beyond += weighted * by.beyond;
+    residual += weighted * r;
+  }
+};
+
+// Sums over the samples of eight rows: what the normal equations are made of. s, l, d and b are the
+// derivatives by shift, white, black and blur; r is the residual.
 struct RowSums {
   Lanes ss{}, sl{}, sd{}, sb{}, ll{}, ld{}, dd{}, lb{}, db{}, bb{};
-  Lanes sm{}, lm{}, dm{}, bm{}, mm{};
-  Lanes se{}, le{}, de{}, be{}, me{}, ee{};
-  Lanes sr{}, lr{}, dr{}, br{}, mr{}, er{};
+  Lanes sr{}, lr{}, dr{}, br{};
   Lanes rr{}, weights{};
+  CrossSums beyond, margin;
+  Lanes margins{};  // by margin, squared
 
   WAYMARK_INLINE void add(const Derivatives& by, const Lanes& residual, const Lanes& weight) {
     const Lanes ws = weight * by.shift;
@@ -151,21 +166,10 @@ struct RowSums {
   }
   // In addition, near the end of the paper.
   WAYMARK_INLINE void addMargin(const Derivatives& by, const Lanes& residual, const Lanes& weight) {
-    const Lanes wm = weight * by.beyond;
-    sm += wm * by.shift;
-    lm += wm * by.light;
-    dm += wm * by.dark;
-    bm += wm * by.blur;
-    mm += wm * by.beyond;
-    mr += wm * residual;
-    const Lanes we = weight * by.margin;
-    se += we * by.shift;
-    le += we * by.light;
-    de += we * by.dark;
-    be += we * by.blur;
-    me += we * by.beyond;
-    ee += we * by.margin;
-    er += we * residual;
+    const Lanes weighted = weight * by.margin;
+    beyond.add(weight * by.beyond, by, residual);
+    margin.add(weighted, by, residual);
+    margins += weighted * by.margin;
   }
 };
 
@@ -175,6 +179,8 @@ WAYMARK_INLINE void termsOf(const RowSums& s, const Lanes& t, std::array<Lanes, 
   const Lanes c = t - 0.5F;
   const Lanes cc = c * c;
   const Lanes tt = t * t;
+  const CrossSums& m = s.beyond;
+  const CrossSums& e = s.margin;
   *terms = {
       u * u * s.ss,                                                                    // start
       u * t * s.ss, t * t * s.ss,                                                      // end
@@ -183,14 +189,14 @@ WAYMARK_INLINE void termsOf(const RowSums& s, const Lanes& t, std::array<Lanes, 
       u * s.sb,     t * s.sb,     s.lb,          s.db,           s.bb,                 // blur
       c * u * s.sl, c * t * s.sl, c * s.ll,      c * s.ld,       c * s.lb, cc * s.ll,  // slopes
       c * u * s.sd, c * t * s.sd, c * s.ld,      c * s.dd,       c * s.db, cc * s.ld,
-      cc * s.dd,                                                                      //
-      u * s.sm,     t * s.sm,     s.lm,          s.dm,           s.bm,     c * s.lm,  // behind
-      c * s.dm,     s.mm,                                                             //
-      u * s.se,     t * s.se,     s.le,          s.de,           s.be,     c * s.le,  // margin
-      c * s.de,     s.me,         s.ee,                                               //
-      u * s.sr,     t * s.sr,     s.lr,          s.dr,           s.br,     c * s.lr,  // gradient
-      c * s.dr,     s.mr,         s.er,                                               //
-      s.rr,         s.weights,    tt * t * s.ss, tt * tt * s.ss,                      //
+      cc * s.dd,                                                                         //
+      u * m.shift,  t * m.shift,  m.light,       m.dark,         m.blur,   c * m.light,  // behind
+      c * m.dark,   m.beyond,                                                            //
+      u * e.shift,  t * e.shift,  e.light,       e.dark,         e.blur,   c * e.light,  // margin
+      c * e.dark,   e.beyond,     s.margins,                                             //
+      u * s.sr,     t * s.sr,     s.lr,          s.dr,           s.br,     c * s.lr,     // gradient
+      c * s.dr,     m.residual,   e.residual,                                            //
+      s.rr,         s.weights,    tt * t * s.ss, tt * tt * s.ss,                         //
       tt * s.sr};
 }
 
