@@ -225,16 +225,22 @@ TEST_F(RecordingTest, GivesTheSamePosesAgain) {
 }
 
 TEST_F(RecordingTest, TheToolOfLcmPlaysIt) {
-  const fs::path log = source(64, 48, 100.0, 50, false);
+  (void)source(64, 48, 100.0, 100, false);
   {
     Process daemon(command(recordedSource(), ""), directory_ / "stderr");
     ASSERT_EQ(daemon.wait(milliseconds(20'000)), 0) << daemon.stderrText();
   }
+  // A busy computer passes over some frames of the source: these are not in the recording.
+  const auto recorded = static_cast<std::size_t>(std::ranges::count_if(
+      contentsOf(recordings().at(0)).poses,
+      [](const pose_t& pose) { return pose.status != pose_t::STATUS_NO_CAMERA; }));
+  EXPECT_GE(recorded, 50U);
   const Subscriber subscriber(url_, "TEST_");
   Process player({"lcm-logplayer", "--lcm-url=" + url_, recordings().front().string()},
                  directory_ / "player", directory_ / "player.out");
-  const auto all = [](const Received& r) { return r.framePoses().size() >= 50; };
-  EXPECT_TRUE(subscriber.waitFor(all, milliseconds(20'000)));
+  const auto all = [&](const Received& r) { return r.framePoses().size() >= recorded; };
+  EXPECT_TRUE(subscriber.waitFor(all, milliseconds(20'000)))
+      << subscriber.received().framePoses().size() << " of " << recorded;
   EXPECT_EQ(subscriber.received().undecodable, 0);
 }
 
