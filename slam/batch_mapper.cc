@@ -35,7 +35,10 @@ void BatchMapper::optimize() {
 
 // One that turned out to be another is held less.
 ExpectedLens BatchMapper::expectedLens() const {
-  const CameraModel given = asLens(with_.lens.given, *with_.camera);
+  const CameraModel given =
+      with_.options.lens.given
+          ? asLens(with_.lens.given, *with_.camera)
+          : withoutDistortion(with_.camera->calibration().model, with_.lens.given);
   if (with_.lens.state == LensState::kGiven) {
     return {given.intrinsics(), with_.options.intrinsics.sigmas(), 0.0};
   }

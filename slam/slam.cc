@@ -67,7 +67,7 @@ class Slam::Impl {
     const auto found = lens_start_->process(detections);
     if (!found) return false;
     lens_start_.reset();
-    camera_ = lens_.given = found->camera;
+    camera_ = found->camera;
     lens_.adopt(found->camera, found->covariance, 0.0, 0.0, 0.0);
     std::vector<Map> maps;
     for (const Map* map : pieces().maps()) maps.push_back(*map);

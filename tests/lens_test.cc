@@ -132,6 +132,23 @@ TEST_F(LensTest, NoCalibrationIsNeeded) {
   expectTrueLens(path("none/calib.yml"));
 }
 
+// Nor of a wide one, whose first squares leave open of which model it is; in a known map, neither.
+TEST_F(LensTest, NoCalibrationOfAWideLensIsNeeded) {
+  simulate("wide", {"--fisheye", "120", "--seed", "11"});
+  const double true_fx = io::readCalibration(path("wide/calib.yml"))->fx;
+  ASSERT_EQ(run("wide", "", "wide_none").exit_code, 0);
+  EXPECT_GE(stats("wide_none")["localized"].get<int>(), 0.97 * 240);
+  EXPECT_NEAR(io::readCalibration(path("wide_none/calib.yml"))->fx / true_fx, 1.0, 2e-3);
+  EXPECT_LT(error_mm("wide", "wide_none", "ace_m"), 8.0);
+
+  ASSERT_EQ(
+      run("wide", "", "wide_known", {"--map-in", path("wide_none/map.json"), "--localize-only"})
+          .exit_code,
+      0);
+  EXPECT_GE(stats("wide_known")["localized"].get<int>(), 0.8 * 240);
+  EXPECT_NEAR(io::readCalibration(path("wide_known/calib.yml"))->fx / true_fx, 1.0, 3e-3);
+}
+
 TEST_F(LensTest, TheSameAgainToTheByte) {
   ASSERT_EQ(run("walls", "", "once").exit_code, 0);
   ASSERT_EQ(run("walls", "", "again").exit_code, 0);

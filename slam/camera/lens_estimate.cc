@@ -104,20 +104,62 @@ Task<double> chi2BeyondBend(BundleProblem problem, const LensProblem& lens, Bund
   co_return (bent_cost - both_cost) / (sigma * sigma);
 }
 
-// The same lens in the other model's terms, expected where the other model has what was expected.
-// Empty where there is none.
-std::optional<BundleProblem> inOtherModel(const LensProblem& lens, const BundleProblem& problem) {
-  const DistortionModel other =
-      problem.lens->camera.calibration().model == DistortionModel::kRational
-          ? DistortionModel::kEquidistant
-          : DistortionModel::kRational;
-  const auto camera = inModel(other, problem.lens->camera);
-  const auto expected = inModel(other, lens.expected);
-  if (!camera || !expected) return std::nullopt;
-  BundleProblem result = problem;
-  result.lens = {*camera, lens.in_use, expected->intrinsics(), lens.prior.sigmas(*expected),
-                 lens.prior.aspect_share};
-  return result;
+// Through that lens, in whatever model.
+BundleProblem through(const CameraModel& camera, const LensProblem& lens, BundleProblem problem) {
+  const CameraModel expected = withoutDistortion(camera.calibration().model, lens.expected);
+  problem.lens = {camera, lens.in_use, expected.intrinsics(), lens.prior.sigmas(expected),
+                  lens.prior.aspect_share};
+  return problem;
+}
+
+// Where else to begin from, as each beginning leads to the nearest minimum only: the lens in the
+// other model's terms (the one in use, if what was found bends back within the image, where the
+// other model cannot follow); and where it is not known well yet, lenses without distortion.
+std::vector<CameraModel> otherBeginnings(const LensProblem& lens, const CameraModel& found) {
+  const DistortionModel model = found.calibration().model;
+  const DistortionModel other = model == DistortionModel::kRational ? DistortionModel::kEquidistant
+                                                                    : DistortionModel::kRational;
+  std::vector<CameraModel> beginnings;
+  if (const auto camera = inModel(other, coversImage(found) ? found : lens.in_use)) {
+    beginnings.push_back(*camera);
+  }
+  if (lens.any_beginning) {
+    beginnings.push_back(withoutDistortion(other, found));
+    beginnings.push_back(withoutDistortion(model, found));
+  }
+  return beginnings;
+}
+
+// Puts a better one into the place of `best`, if any of the other beginnings leads to one. Whether
+// one did.
+Task<bool> improveFromElsewhere(const LensProblem& lens, const BundleOptions& options, double sigma,
+                                BundleAdjuster* best, Budget* budget) {
+  // By which the other model has to be better than chance: twice the log of likelihoods, in units
+  // of the noise.
+  constexpr double kEvidence = 20.0;
+  const CameraModel found = best->problem().lens->camera;
+  const double huber = options.huber * sigma;
+  double least = co_await costOf(best->problem(), huber, budget);
+  bool covers = coversImage(found);
+  bool improved = false;
+  for (const CameraModel& beginning : otherBeginnings(lens, found)) {
+    BundleAdjuster roughly(through(beginning, lens, best->problem()), ungated(options));
+    (void)co_await roughly.run(budget);
+    BundleAdjuster other(roughly.problem(), options);
+    const BundleSummary summary = co_await other.run(budget);
+    double cost = co_await costOf(other.problem(), huber, budget);
+    const CameraModel& camera = other.problem().lens->camera;
+    if (camera.calibration().model != found.calibration().model) cost += kEvidence * sigma * sigma;
+    // A lens that does not see all of the image is no lens, however well it fits.
+    const bool other_covers = coversImage(camera);
+    const bool is_better = other_covers == covers ? cost < least : other_covers;
+    if (summary.failed || !is_better) continue;
+    least = cost;
+    covers = other_covers;
+    improved = true;
+    *best = std::move(other);
+  }
+  co_return improved;
 }
 
 }  // namespace
@@ -125,7 +167,8 @@ std::optional<BundleProblem> inOtherModel(const LensProblem& lens, const BundleP
 Task<std::optional<LensEstimate>> estimateLens(const Map& map, const MarkerOptions& markers,
                                                LensProblem lens, BundleOptions options,
                                                Budget* budget) {
-  lens.expected = asLens(lens.expected, lens.in_use);
+  lens.expected = lens.any_model ? withoutDistortion(lens.in_use.calibration().model, lens.expected)
+                                 : asLens(lens.expected, lens.in_use);
   const int of_this_lens = keyframesSince(map, lens.since_ns);
   const int all = static_cast<int>(map.keyframes().size());
   const bool whole = of_this_lens == all && all <= lens.max_keyframes;
@@ -154,25 +197,13 @@ Task<std::optional<LensEstimate>> estimateLens(const Map& map, const MarkerOptio
   if (rough.failed) co_return std::nullopt;
   // Again with the noise as it is through the better lens.
   BundleAdjuster adjuster(roughly.problem(), options);
-  BundleSummary summary = co_await adjuster.run(budget);
-  if (lens.any_model && !summary.failed) {
-    // By more than chance: twice the log of likelihoods, in units of the noise.
-    constexpr double kEvidence = 20.0;
-    std::optional<BundleProblem> other_problem = inOtherModel(lens, adjuster.problem());
-    if (other_problem) {
-      BundleAdjuster other(std::move(*other_problem), options);
-      const BundleSummary of_other = co_await other.run(budget);
-      const double sigma = summary.residual_sigma;
-      const double cost = co_await costOf(adjuster.problem(), options.huber * sigma, budget);
-      const double other_cost = co_await costOf(other.problem(), options.huber * sigma, budget);
-      if (!of_other.failed && other_cost + kEvidence * sigma * sigma < cost) {
-        adjuster = std::move(other);
-        summary = of_other;
-      }
-    }
+  const BundleSummary summary = co_await adjuster.run(budget);
+  if (summary.failed) co_return std::nullopt;
+  if (lens.any_model) {
+    (void)co_await improveFromElsewhere(lens, options, summary.residual_sigma, &adjuster, budget);
   }
   const auto covariance = co_await adjuster.globalsCovariance(budget);
-  if (summary.failed || !covariance) co_return std::nullopt;
+  if (!covariance) co_return std::nullopt;
   MapCorrection correction = co_await correctionOf(part, adjuster, budget);
   std::optional<LensEstimate> estimate({.camera = adjuster.problem().lens->camera,
                                         .covariance = covariance->topLeftCorner<9, 9>(),

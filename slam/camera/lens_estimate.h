@@ -2,6 +2,7 @@
 // slices).
 #pragma once
 
+#include <cmath>
 #include <cstdint>
 #include <limits>
 #include <optional>
@@ -29,6 +30,10 @@ struct LensEstimate {
   // How much better a lens explains the corners where the markers may be elsewhere, too, as in a
   // map that is bent: chi-square. Infinite where that was not asked for.
   double chi2_beyond_bend = std::numeric_limits<double>::infinity();
+  // Standard deviation of the focal length, as a share of it.
+  [[nodiscard]] double focalShare() const {
+    return std::sqrt(covariance(0, 0)) / camera.calibration().fx;
+  }
 };
 
 struct LensProblem {
@@ -38,8 +43,11 @@ struct LensProblem {
   double readout_s = 0.0;      // that they were corrected with
   bool readout_known = false;  // else it is one more unknown, which would pass for a bent lens
   int max_keyframes = 100;     // the newest ones of a larger map
-  // Nobody has said which distortion model it is: the other one is tried as well.
+  // Nobody has measured it: it is expected without distortion, in whatever model, and the other one
+  // is tried as well.
   bool any_model = false;
+  // And as little is known of it so far that other minima may be better: they are looked for.
+  bool any_beginning = false;
   // The markers are where they are: a map that is known.
   bool markers_held = false;
   // Unless they are not, and that is what looks like another lens: tried beside it.

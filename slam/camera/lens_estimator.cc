@@ -1,7 +1,6 @@
 #include "slam/camera/lens_estimator.h"
 
 #include <algorithm>
-#include <cmath>
 #include <limits>
 
 #include "slam/camera/undistort_map.h"
@@ -19,11 +18,6 @@ bool seesAllOf(const CameraModel& camera, const Map& map) {
   });
 }
 
-// As LensKnowledge::focalShare.
-double focalShare(const LensEstimate& estimate) {
-  return std::sqrt(estimate.covariance(0, 0)) / estimate.camera.calibration().fx;
-}
-
 }  // namespace
 
 bool LensEstimator::isDue(const Map& map) const {
@@ -38,6 +32,7 @@ LensProblem LensEstimator::problemOf(const RollingShutterEstimator& shutter) con
           .readout_known = shutter.isGiven(),
           .max_keyframes = options_.max_keyframes,
           .any_model = !options_.given,
+          .any_beginning = knowledge_->state == LensState::kLearning,
           .since_ns = knowledge_->since_ns};
 }
 
@@ -99,7 +94,7 @@ bool LensEstimator::believes(const LensEstimate& estimate, const Map& map) const
   if (!was_learned && map.keyframes().size() < options_.views_against_given) return false;
   const double least = was_learned ? options_.min_change_chi2 : options_.min_chi2;
   const bool is_better_known =
-      was_learned && focalShare(estimate) < options_.better_known * knowledge_->focalShare();
+      was_learned && estimate.focalShare() < options_.better_known * knowledge_->focalShare();
   if (!is_better_known && !(lensChange(estimate, *camera_) > least)) return false;
   const bool material = estimate.rms_after_px < options_.material_rms * estimate.rms_before_px;
   if (!was_learned && !material) return false;

@@ -111,6 +111,24 @@ TEST_F(LensEstimatorTest, IsOffWhereTheCalibrationIsExact) {
   EXPECT_FALSE(estimator.estimateNow(shutter_, kBundle, &map_));
 }
 
+// Through a wide lens the first squares say as little of the model as of the focal length. What the
+// wrong model finds from there fits, but bends back within the image: it is no lens.
+TEST_F(LensEstimatorTest, AWideLensIsFoundThatWasTakenForAUsualOne) {
+  truth_ = testing::wideLens();
+  LensOptions options;
+  options.takeForGuess(/*fov_said=*/false);
+  for (int seed = 0; seed < 10; ++seed) {
+    rng_.seed(static_cast<unsigned>(seed));
+    LensKnowledge at_first = knowledge_;
+    see(testing::wideLensAtFirst(&at_first));
+    knowledge_ = at_first;
+    LensEstimator estimator = this->estimator(options);
+    ASSERT_TRUE(estimator.estimateNow(shutter_, kBundle, &map_)) << seed;
+    EXPECT_EQ(camera_.calibration().model, DistortionModel::kEquidistant) << seed;
+    EXPECT_LT(std::abs(focalError()), 0.01) << seed;
+  }
+}
+
 // Over many lenses drawn as the prior has it, the error is what the covariance says.
 TEST_F(LensEstimatorTest, IsAsWrongAsItSays) {
   constexpr int kRuns = 60;

@@ -11,7 +11,9 @@ IntrinsicVector LensPrior::sigmas(const CameraModel& expected) const {
   sigmas << focal_share * c.fx, focal_share * c.fy, centre_px, centre_px, radial, higher_radial,
       tangential, tangential, higher_radial;
   if (c.model == DistortionModel::kEquidistant) {
-    sigmas.tail<5>() << radial, higher_radial, higher_radial, higher_radial, 0.0;
+    // Of a polynomial in the angle, which is more than 1 in a wide image's corners, the highest
+    // terms could fold the image there, where markers seldom are; lenses have little of them.
+    sigmas.tail<5>() << radial, higher_radial, 0.5 * higher_radial, 0.2 * higher_radial, 0.0;
   }
   return sigmas;
 }

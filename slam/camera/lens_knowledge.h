@@ -57,7 +57,7 @@ struct EarlierLens {
 // The lens in use itself is the CameraModel that all share.
 struct LensKnowledge {
   LensState state = LensState::kGiven;
-  CameraModel given;
+  CameraModel given;  // or guessed
   // Of the intrinsics in use; zero as long as they are believed as given.
   IntrinsicMatrix covariance = IntrinsicMatrix::Zero();
   // RMS of the whitened residuals' corners before and after the last change, pixels.

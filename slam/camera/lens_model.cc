@@ -28,12 +28,16 @@ std::vector<Ray> raysOf(const CameraModel& camera) {
 
 }  // namespace
 
-std::optional<CameraModel> inModel(DistortionModel model, const CameraModel& camera) {
-  if (camera.calibration().model == model) return camera;
-  Calibration c = camera.calibration();
+CameraModel withoutDistortion(DistortionModel model, const CameraModel& guess) {
+  Calibration c = guess.calibration();
   c.model = model;
   c.distortion = {};
-  CameraModel found(c);
+  return CameraModel(c);
+}
+
+std::optional<CameraModel> inModel(DistortionModel model, const CameraModel& camera) {
+  if (camera.calibration().model == model) return camera;
+  CameraModel found = withoutDistortion(model, camera);
   const std::vector<Ray> rays = raysOf(camera);
   constexpr int kIterations = 10;
   // Tangential coefficients say what the centre says, too; the ninth of an equidistant lens

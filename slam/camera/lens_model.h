@@ -7,6 +7,10 @@
 
 namespace waymark::slam {
 
+// What a lens that nobody has measured is expected to be, in a model's terms: without distortion
+// there (a pinhole's image is not what is expected of an equidistant lens), else as guessed.
+[[nodiscard]] CameraModel withoutDistortion(DistortionModel model, const CameraModel& guess);
+
 // The lens of the other model that puts rays where this one does, as nearly as it can: least
 // squares over a grid of pixels. Empty where that comes to no lens.
 [[nodiscard]] std::optional<CameraModel> inModel(DistortionModel model, const CameraModel& camera);

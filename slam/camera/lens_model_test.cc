@@ -37,5 +37,15 @@ TEST(LensModel, AsItIsWhereTheModelIsTheSame) {
   EXPECT_EQ(inModel(DistortionModel::kRational, rational)->calibration(), rational.calibration());
 }
 
+TEST(LensModel, WithoutDistortionEachModelIsItsOwn) {
+  const CameraModel rational(testing::testCalibration());
+  for (const auto model : {DistortionModel::kRational, DistortionModel::kEquidistant}) {
+    const Calibration plain = withoutDistortion(model, rational).calibration();
+    EXPECT_EQ(plain.model, model);
+    EXPECT_EQ(plain.fx, rational.calibration().fx);
+    EXPECT_EQ(plain.distortion, decltype(plain.distortion){});
+  }
+}
+
 }  // namespace
 }  // namespace waymark::slam

@@ -1,5 +1,7 @@
 #include "slam/camera/lens_options.h"
 
+#include <algorithm>
+
 #include "slam/option_checks.h"
 
 namespace waymark::slam {
@@ -10,7 +12,9 @@ std::string LensWatchOptions::invalidReason() const {
       {doubt_ratio > 1.0 && worst_fit > doubt_ratio,
        "the fit that puts a lens in doubt must be "
        "worse than the usual one"},
-      {first_frames >= 1 && max_frames >= first_frames, "a lens needs at least 1 view"},
+      {first_frames >= 1 && first_frames_unmeasured >= 1 &&
+           max_frames >= std::max(first_frames, first_frames_unmeasured),
+       "a lens needs at least 1 view"},
       {min_interval_ns >= 0 && isNotNegative(min_turn_rad),
        "the distance of two views of a lens must not be negative"},
       {isPositive(max_change), "the change of a focal length must be positive"},

@@ -16,11 +16,16 @@ struct LensWatchOptions {
   int usual_frames = 100;
   double late_frames = 10.0;
   // The lens is in doubt when the markers fit this many times worse of late than usually (mean
-  // squares); and a fit counts as this bad at most. Smaller takes a bend in the map for the lens.
+  // squares), or than this where they usually fit better than the noise has it; and a fit counts as
+  // this bad at most. Smaller takes a bend in the map for the lens.
   double doubt_ratio = 2.0;
+  double least_usual = 0.5;
   double worst_fit = 100.0;
-  // Views it is learned from: the first time with so many, then with twice as many, and at most.
+  // Views it is learned from: the first time with so many, or with so many if nobody has measured
+  // it (whatever is known then is better than what is in use); then with twice as many, and at
+  // most.
   int first_frames = 8;
+  int first_frames_unmeasured = 3;
   int max_frames = 32;
   // From one to the next at least: nanoseconds, and radians (of a turn, or of a way as seen from
   // the markers).

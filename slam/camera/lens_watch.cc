@@ -14,7 +14,7 @@ namespace waymark::slam {
 void LensWatch::forget() {
   seen_ = Map();
   estimate_.reset();
-  next_frames_ = options_.watch.first_frames;
+  next_frames_ = firstFrames();
   settled_ = false;
 }
 
@@ -52,9 +52,10 @@ void LensWatch::noteFit(const FrameTime& time, const Transform& T_w_c,
   const double fit = std::min(misfits[(count - 1) / 2] / 8.0, options_.watch.worst_fit);
   const LensWatchOptions& watch = options_.watch;
   of_late_ += (fit - of_late_) / watch.late_frames;
-  const bool contradicts =
-      frames_ >= watch.usual_frames && of_late_ > watch.doubt_ratio * std::max(usual_, 1.0);
+  const bool contradicts = frames_ >= watch.usual_frames &&
+                           of_late_ > watch.doubt_ratio * std::max(usual_, watch.least_usual);
   if (!contradicts) {
+    if (estimate_) return;  // which tells more
     if (doubted_since_ns_ > 0 && map_grows_) forget();
     doubted_since_ns_ = 0;
     usual_ += (fit - usual_) / std::min(++frames_, watch.usual_frames);
@@ -85,13 +86,15 @@ void LensWatch::work(double cost, const RollingShutterEstimator& shutter,
     settled_ = next_frames_ >= options_.watch.max_frames;
     next_frames_ = std::min(2 * next_frames_, options_.watch.max_frames);
     LensProblem problem{.in_use = *camera_,
-                        .expected = *camera_,
+                        .expected = isMeasured() ? *camera_ : knowledge_->given,
                         .prior = options_.prior,
                         .readout_s = shutter.seconds(),
                         .readout_known = shutter.isGiven(),
                         .max_keyframes = options_.watch.max_frames,
-                        .any_model = false,
-                        .markers_held = true,
+                        .any_model = !isMeasured(),
+                        .any_beginning = knowledge_->state == LensState::kLearning,
+                        // A map that grows has begun to bend to what has changed.
+                        .markers_held = !map_grows_,
                         .perhaps_bent = map_grows_};
     estimate_.emplace([&](Budget* budget) {
       return estimateLens(seen_, markers_, problem, optimization, budget);
@@ -101,6 +104,10 @@ void LensWatch::work(double cost, const RollingShutterEstimator& shutter,
 }
 
 bool LensWatch::believes(const LensEstimate& estimate) const {
+  if (!(coversImage(estimate.camera) >= coversImage(*camera_))) return false;
+  if (!isMeasured() && estimate.focalShare() < options_.better_known * knowledge_->focalShare()) {
+    return true;
+  }
   const double material =
       map_grows_ ? options_.watch.sure_rms * options_.material_rms : options_.material_rms;
   const double change = std::abs(estimate.camera.focalLength() / camera_->focalLength() - 1.0);
@@ -109,8 +116,7 @@ bool LensWatch::believes(const LensEstimate& estimate) const {
   // anything of what a bend leaves once they are.
   if (estimate.chi2_beyond_bend < options_.min_chi2) return false;
   return lensChange(estimate, *camera_) > options_.min_chi2 &&
-         estimate.rms_after_px < material * estimate.rms_before_px &&
-         coversImage(estimate.camera) >= coversImage(*camera_);
+         estimate.rms_after_px < material * estimate.rms_before_px;
 }
 
 bool LensWatch::collect(const RollingShutterEstimator& shutter) {

@@ -1,4 +1,4 @@
-// The lens by frames that a known map explains: of a map that is only localized in, and where a
+// The lens by frames that a map explains: of a map that is only localized in, and where a
 // lens has changed under way (an autofocus, a knock): then all markers in view fit far worse than
 // they did, at once.
 #pragma once
@@ -32,7 +32,7 @@ class LensWatch {
         map_grows_(map_grows),
         camera_(camera),
         knowledge_(knowledge),
-        next_frames_(options.watch.first_frames) {}
+        next_frames_(firstFrames()) {}
 
   // A frame with a pose, and the markers of the map that it was found from.
   void look(const FrameTime& time, const Transform& T_w_c, const Twist& twist,
@@ -47,6 +47,11 @@ class LensWatch {
   void forget();
 
  private:
+  // By somebody, or by the map while it grows: what is looked for then is a change.
+  [[nodiscard]] bool isMeasured() const { return map_grows_ || options_.given; }
+  [[nodiscard]] int firstFrames() const {
+    return isMeasured() ? options_.watch.first_frames : options_.watch.first_frames_unmeasured;
+  }
   // Views are collected, and the lens is estimated from them.
   [[nodiscard]] bool asks() const { return doubted_since_ns_ > 0 || !(map_grows_ || settled_); }
   void noteFit(const FrameTime& time, const Transform& T_w_c, std::span<const KnownMarker> known);

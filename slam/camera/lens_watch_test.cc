@@ -8,6 +8,7 @@
 #include <gtest/gtest.h>
 
 #include "slam/camera_pose/pose_optimizer.h"
+#include "slam/testing/lens_scene.h"
 #include "slam/testing/scene.h"
 
 namespace waymark::slam {
@@ -84,6 +85,23 @@ TEST_F(LensWatchTest, ARightLensStays) {
   LensWatch in_growing_map({}, options_, /*map_grows=*/true, &camera_, &knowledge_);
   EXPECT_EQ(framesUntilLearned(truth_, 300, &in_growing_map), -1);
   EXPECT_EQ(knowledge_.state, LensState::kGiven);
+}
+
+// Nobody has measured it, and what it was taken for at first is of the wrong model.
+TEST_F(LensWatchTest, LearnsAWideLensInAKnownMap) {
+  const CameraModel wide = testing::wideLens();
+  camera_ = testing::wideLensAtFirst(&knowledge_);
+  LensOptions options;
+  options.takeForGuess(/*fov_said=*/false);
+  LensWatch watch(options, options_, /*map_grows=*/false, &camera_, &knowledge_);
+  EXPECT_GT(framesUntilLearned(wide, 30, &watch), 0);
+  EXPECT_EQ(camera_.calibration().model, DistortionModel::kEquidistant);
+  for (int i = 0; i < 200; ++i) {
+    frame(wide, &watch);
+    (void)watch.collect(shutter_);
+  }
+  EXPECT_LT(std::abs(focalError(wide)), 2e-3);
+  EXPECT_LT(std::abs(focalError(wide)), 4.0 * knowledge_.focalShare());
 }
 
 // An autofocus breathes by 3 %.

@@ -14,18 +14,18 @@ namespace waymark::slam {
 template <int N>
 [[nodiscard]] bool factorizeCholesky(Eigen::Matrix<double, N, N>* H) {
   Eigen::Matrix<double, N, N>& L = *H;
-#pragma GCC unroll 8
+#pragma GCC unroll 9
   for (int j = 0; j < N; ++j) {
     double pivot = L(j, j);
-#pragma GCC unroll 8
+#pragma GCC unroll 9
     for (int k = 0; k < j; ++k) pivot -= L(j, k) * L(j, k);
     if (!(pivot > 0.0)) return false;
     const double inverse = 1.0 / std::sqrt(pivot);
     L(j, j) = inverse;
-#pragma GCC unroll 8
+#pragma GCC unroll 9
     for (int i = j + 1; i < N; ++i) {
       double sum = L(i, j);
-#pragma GCC unroll 8
+#pragma GCC unroll 9
       for (int k = 0; k < j; ++k) sum -= L(i, k) * L(j, k);
       L(i, j) = sum * inverse;
     }
@@ -36,9 +36,9 @@ template <int N>
 // B becomes L^-1 B: a vector, or several beside each other.
 template <int N, int Columns>
 void solveLower(const Eigen::Matrix<double, N, N>& L, Eigen::Matrix<double, N, Columns>* B) {
-#pragma GCC unroll 8
+#pragma GCC unroll 9
   for (int i = 0; i < N; ++i) {
-#pragma GCC unroll 8
+#pragma GCC unroll 9
     for (int k = 0; k < i; ++k) B->row(i) -= L(i, k) * B->row(k);
     B->row(i) *= L(i, i);
   }
@@ -47,9 +47,9 @@ void solveLower(const Eigen::Matrix<double, N, N>& L, Eigen::Matrix<double, N, C
 // b becomes L^-T b.
 template <int N>
 void solveLowerTransposed(const Eigen::Matrix<double, N, N>& L, Eigen::Matrix<double, N, 1>* b) {
-#pragma GCC unroll 8
+#pragma GCC unroll 9
   for (int i = N - 1; i >= 0; --i) {
-#pragma GCC unroll 8
+#pragma GCC unroll 9
     for (int k = i + 1; k < N; ++k) (*b)[i] -= L(k, i) * (*b)[k];
     (*b)[i] *= L(i, i);
   }

@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "slam/camera/lens_knowledge.h"
+#include "slam/camera/lens_start.h"
 #include "slam/camera/undistort_map.h"
 #include "slam/testing/scene.h"
 
@@ -23,6 +24,28 @@ inline Map lensScene(const CameraModel& truth, double sigma_px, std::mt19937* rn
     views.push_back(lookAt(eye, {0.6 * x + 0.4 * u(*rng), 3.0, 0.3 * u(*rng)}));
   }
   return trueMap(truth, views, markers, kLensSceneSize, sigma_px, rng);
+}
+
+// 120 degrees wide, and what it was taken for after six frames of a room, by somebody who had no
+// calibration: of the other model, with a focal length that is known to about a quarter.
+inline CameraModel wideLens() {
+  Calibration c = testCalibration();
+  c.fx = c.fy = 305.6;
+  c.model = DistortionModel::kEquidistant;
+  c.distortion = {-0.011, 0.003};
+  return CameraModel(c);
+}
+inline CameraModel wideLensAtFirst(LensKnowledge* knowledge) {
+  const LensStartOptions start;
+  const Calibration wide = wideLens().calibration();
+  *knowledge = {.given = guessedCamera(wide.width, wide.height, {}, start)};
+  Calibration c = knowledge->given.calibration();
+  c.fx = c.fy = 285.0;
+  c.distortion = {-0.161, 0.007, 0.0, 0.0, 0.061};
+  IntrinsicMatrix covariance = IntrinsicMatrix::Identity();
+  covariance.topLeftCorner<2, 2>() *= (0.27 * c.fx) * (0.27 * c.fx);
+  knowledge->adopt(CameraModel(c), covariance, 0.0, 0.0, 0.0);
+  return CameraModel(c);
 }
 
 // Another lens of the same kind, as far off as the prior has it.

@@ -4,6 +4,7 @@
 #include <array>
 #include <cmath>
 #include <cstddef>
+#include <cstdint>
 
 #include <Eigen/LU>
 
@@ -41,7 +42,8 @@ constexpr std::size_t kWeights = kSquares + 1;
 constexpr std::size_t kThird = kWeights + 1;
 constexpr std::size_t kFourth = kThird + 1;
 constexpr std::size_t kGradientSecond = kFourth + 1;
-constexpr std::size_t kSums = (kGradientSecond + kLanes) / kLanes * kLanes;  // the last are none
+constexpr std::size_t kTerms = kGradientSecond + 1;
+constexpr std::size_t kSums = (kTerms + kLanes - 1) / kLanes * kLanes;  // the last are none
 
 struct NormalSums {
   alignas(32) std::array<float, kSums> sums{};
@@ -80,207 +82,248 @@ struct Neighbours {
 };
 using GroupNeighbours = std::array<Neighbours, EdgeRows::kMaxRows / kLanes>;
 
-// blur_px: the largest that is to be reckoned with.
-void findNeighbours(const EdgeRows& rows, float blur_px, GroupNeighbours* groups) {
-  // So far within the paper, in standard deviations of the blur, what is behind it is not seen, and
-  // so narrow, as a share of the border, a margin may be.
-  constexpr float kBehindReach = 2.0F;
-  constexpr float kNarrowMargin = 0.7F;
+WAYMARK_INLINE bool isAny(const IntLanes& lanes) {
+  std::int32_t any = 0;
+  for (std::size_t k = 0; k < kLanes; ++k) any |= lanes[k];
+  return any != 0;
+}
+
+// blur_px: the largest that is to be reckoned with. Precondition: there are rows.
+WAYMARK_VECTORIZED void findNeighbours(const EdgeRows& rows, float blur_px,
+                                       GroupNeighbours* groups) {
   const float reach = kBlurReach * blur_px;
   const auto last = static_cast<float>(rows.across() - 1);
-  for (std::size_t first = 0; first < rows.rows(); first += kLanes) {
-    Neighbours& group = (*groups)[first / kLanes];
-    group = {
-        .start = false, .end = false, .ring = false, .margin_from = rows.across(), .margin_to = 0};
-    for (std::size_t i = first; i < first + kLanes; ++i) {
-      if (rows.innermost[i] > rows.outermost[i]) continue;  // nothing counts
-      group.start |= rows.to_start[i] + std::min(0.0F, last * rows.to_start_step) < reach;
-      group.end |= rows.to_end[i] + std::min(0.0F, last * rows.to_end_step) < reach;
-      group.ring |= rows.ring_white[i] > 0.0F && rows.thickness[i] + rows.innermost[i] < reach;
-      const float paper = kNarrowMargin * rows.thickness[i] - kBehindReach * blur_px;
-      if (rows.outermost[i] <= paper) continue;
-      const float to_paper = (paper - rows.distance[i]) / rows.step[i];  // samples
-      const auto at = static_cast<std::size_t>(std::clamp(to_paper, 0.0F, last));
-      if (rows.step[i] > 0.0F) {
-        group.margin_from = std::min(group.margin_from, at);
-        group.margin_to = rows.across();
-      } else {
-        group.margin_from = 0;
-        group.margin_to = std::max(group.margin_to, at + 1);
-      }
+  const bool outwards = rows.step[0] > 0.0F;  // the same in all rows of a side
+  for (std::size_t i = 0; i < rows.rows(); i += kLanes) {
+    Neighbours& group = (*groups)[i / kLanes];
+    const Lanes innermost = lanesAt(rows.innermost.data(), i);
+    const Lanes outermost = lanesAt(rows.outermost.data(), i);
+    const Lanes thickness = lanesAt(rows.thickness.data(), i);
+    const IntLanes counts = innermost <= outermost;
+    const float to_start = reach - std::min(0.0F, last * rows.to_start_step);
+    const float to_end = reach - std::min(0.0F, last * rows.to_end_step);
+    group.start = isAny(counts & (lanesAt(rows.to_start.data(), i) < to_start));
+    group.end = isAny(counts & (lanesAt(rows.to_end.data(), i) < to_end));
+    group.ring = isAny(counts & (lanesAt(rows.ring_white.data(), i) > 0.0F) &
+                       (thickness + innermost < reach));
+    const Lanes paper = paperAlone(thickness, blur_px);
+    const IntLanes sees_behind = counts & (outermost > paper);
+    const Lanes samples = (paper - lanesAt(rows.distance.data(), i)) / lanesAt(rows.step.data(), i);
+    float first = last + 1.0F;
+    float past = 0.0F;
+    for (std::size_t k = 0; k < kLanes; ++k) {
+      if (sees_behind[k] == 0) continue;
+      const float at = std::clamp(samples[k], 0.0F, last);
+      first = std::min(first, outwards ? at : 0.0F);
+      past = std::max(past, outwards ? last + 1.0F : at + 1.0F);
     }
+    group.margin_from = static_cast<std::size_t>(first);
+    group.margin_to = static_cast<std::size_t>(past);
   }
 }
 
-// A sample's derivatives by shift, white, black, blur, what is behind the paper, and where it ends.
-struct Derivatives {
-  Lanes shift, light, dark, blur;
-  Lanes beyond{}, margin{};
+// One sample of eight rows each: its weight, its residual, and that one's derivatives by shift,
+// black, blur, what is behind the paper and where it ends. The derivative by white is 1 less the
+// one by black.
+struct Sample {
+  Lanes weight, residual;
+  Lanes shift, dark, blur;
+  Lanes beyond, margin;  // known near the end of the paper
 };
+using Samples = std::array<Sample, EdgeRows::kMaxAcross>;
 
-// What one derivative has in common with the others and the residual, summed over samples.
+// A weighted derivative times 1, the others and the residual, summed over samples.
 struct CrossSums {
-  Lanes shift{}, light{}, dark{}, blur{}, beyond{}, residual{};
-
-  // weighted: the derivative, times the sample's weight.
-  WAYMARK_INLINE void add(const Lanes& weighted, const Derivatives& by, const Lanes& r) {
-    shift += weighted * by.shift;
-    light += weighted * by.light;
-    dark += weighted * by.dark;
-    blur += weighted * by.blur;
-    beyond += weighted * by.beyond;
-    residual += weighted * r;
-  }
+  Lanes one{}, shift{}, dark{}, blur{}, beyond{}, residual{};
 };
 
-// Sums over the samples of eight rows: what the normal equations are made of. s, l, d and b are the
-// derivatives by shift, white, black and blur; r is the residual.
+// Sums over the samples of eight rows: what the normal equations are made of. s, d and b are the
+// derivatives by shift, black and blur; r is the residual, w the weight.
 struct RowSums {
-  Lanes ss{}, sl{}, sd{}, sb{}, ll{}, ld{}, dd{}, lb{}, db{}, bb{};
-  Lanes sr{}, lr{}, dr{}, br{};
-  Lanes rr{}, weights{};
+  Lanes w{}, ws{}, wd{}, wb{}, wr{};
+  Lanes ss{}, sd{}, sb{}, dd{}, db{}, bb{};
+  Lanes sr{}, dr{}, br{}, rr{};
   CrossSums beyond, margin;
   Lanes margins{};  // by margin, squared
-
-  WAYMARK_INLINE void add(const Derivatives& by, const Lanes& residual, const Lanes& weight) {
-    const Lanes ws = weight * by.shift;
-    const Lanes wl = weight * by.light;
-    const Lanes wd = weight * by.dark;
-    const Lanes wb = weight * by.blur;
-    ss += ws * by.shift;
-    sl += ws * by.light;
-    sd += ws * by.dark;
-    sb += ws * by.blur;
-    ll += wl * by.light;
-    ld += wl * by.dark;
-    dd += wd * by.dark;
-    lb += wl * by.blur;
-    db += wd * by.blur;
-    bb += wb * by.blur;
-    sr += ws * residual;
-    lr += wl * residual;
-    dr += wd * residual;
-    br += wb * residual;
-    rr += weight * residual * residual;
-    weights += weight;
-  }
-  // In addition, near the end of the paper.
-  WAYMARK_INLINE void addMargin(const Derivatives& by, const Lanes& residual, const Lanes& weight) {
-    const Lanes weighted = weight * by.margin;
-    beyond.add(weight * by.beyond, by, residual);
-    margin.add(weighted, by, residual);
-    margins += weighted * by.margin;
-  }
 };
 
-// The terms of NormalSums that eight rows add, each row's t put in.
-WAYMARK_INLINE void termsOf(const RowSums& s, const Lanes& t, std::array<Lanes, kSums>* terms) {
+// So few sums at a time stay in registers.
+WAYMARK_INLINE void sumUp(const Sample* from, const Sample* end, RowSums* sums) {
+  RowSums s;
+  for (const Sample* p = from; p != end; ++p) {
+    const Lanes r = p->weight * p->residual;
+    s.w += p->weight;
+    s.ws += p->weight * p->shift;
+    s.wd += p->weight * p->dark;
+    s.wb += p->weight * p->blur;
+    s.wr += r;
+    s.rr += r * p->residual;
+  }
+  for (const Sample* p = from; p != end; ++p) {
+    const Lanes shift = p->weight * p->shift;
+    const Lanes dark = p->weight * p->dark;
+    const Lanes blur = p->weight * p->blur;
+    s.ss += shift * p->shift;
+    s.sd += shift * p->dark;
+    s.sb += shift * p->blur;
+    s.sr += shift * p->residual;
+    s.dd += dark * p->dark;
+    s.db += dark * p->blur;
+    s.dr += dark * p->residual;
+    s.bb += blur * p->blur;
+    s.br += blur * p->residual;
+  }
+  *sums = s;
+}
+
+// by: one of the derivatives.
+WAYMARK_INLINE void sumUp(const Sample* from, const Sample* end, Lanes Sample::*by,
+                          CrossSums* sums) {
+  CrossSums s;
+  for (const Sample* p = from; p != end; ++p) {
+    const Lanes weighted = p->weight * p->*by;
+    s.one += weighted;
+    s.shift += weighted * p->shift;
+    s.dark += weighted * p->dark;
+    s.blur += weighted * p->blur;
+    s.beyond += weighted * p->beyond;
+    s.residual += weighted * p->residual;
+  }
+  *sums = s;
+}
+
+// Adds the terms of NormalSums that are of eight rows, each row's t put in.
+WAYMARK_INLINE void addTerms(const RowSums& s, const Lanes& t, std::array<Lanes, kSums>* sums) {
   const Lanes u = 1.0F - t;
   const Lanes c = t - 0.5F;
   const Lanes cc = c * c;
   const Lanes tt = t * t;
+  const Lanes sl = s.ws - s.sd;  // l: the derivative by white
+  const Lanes ld = s.wd - s.dd;
+  const Lanes ll = s.w - s.wd - ld;
+  const Lanes lb = s.wb - s.db;
+  const Lanes lr = s.wr - s.dr;
   const CrossSums& m = s.beyond;
   const CrossSums& e = s.margin;
-  *terms = {
-      u * u * s.ss,                                                                    // start
-      u * t * s.ss, t * t * s.ss,                                                      // end
-      u * s.sl,     t * s.sl,     s.ll,                                                // white
-      u * s.sd,     t * s.sd,     s.ld,          s.dd,                                 // black
-      u * s.sb,     t * s.sb,     s.lb,          s.db,           s.bb,                 // blur
-      c * u * s.sl, c * t * s.sl, c * s.ll,      c * s.ld,       c * s.lb, cc * s.ll,  // slopes
-      c * u * s.sd, c * t * s.sd, c * s.ld,      c * s.dd,       c * s.db, cc * s.ld,
-      cc * s.dd,                                                                         //
-      u * m.shift,  t * m.shift,  m.light,       m.dark,         m.blur,   c * m.light,  // behind
-      c * m.dark,   m.beyond,                                                            //
-      u * e.shift,  t * e.shift,  e.light,       e.dark,         e.blur,   c * e.light,  // margin
-      c * e.dark,   e.beyond,     s.margins,                                             //
-      u * s.sr,     t * s.sr,     s.lr,          s.dr,           s.br,     c * s.lr,     // gradient
-      c * s.dr,     m.residual,   e.residual,                                            //
-      s.rr,         s.weights,    tt * t * s.ss, tt * tt * s.ss,                         //
-      tt * s.sr};
+  const Lanes ml = m.one - m.dark;
+  const Lanes el = e.one - e.dark;
+  // Row by row. clang-format would fill the lines:
+  // clang-format off
+  const std::array<Lanes, kTerms> terms = {
+      u * u * s.ss,                                                                   // start
+      u * t * s.ss, t * t * s.ss,                                                     // end
+      u * sl,       t * sl,       ll,                                                 // white
+      u * s.sd,     t * s.sd,     ld,     s.dd,                                       // black
+      u * s.sb,     t * s.sb,     lb,     s.db,     s.bb,                             // blur
+      c * u * sl,   c * t * sl,   c * ll, c * ld,   c * lb,   cc * ll,                // slopes
+      c * u * s.sd, c * t * s.sd, c * ld, c * s.dd, c * s.db, cc * ld, cc * s.dd,
+      u * m.shift,  t * m.shift,  ml,     m.dark,   m.blur,   c * ml,  c * m.dark,    // behind
+      m.beyond,
+      u * e.shift,  t * e.shift,  el,     e.dark,   e.blur,   c * el,  c * e.dark,    // margin
+      e.beyond,     s.margins,
+      u * s.sr,     t * s.sr,     lr,     s.dr,     s.br,     c * lr,  c * s.dr,      // gradient
+      m.residual,   e.residual,
+      s.rr,         s.w,          tt * t * s.ss,    tt * tt * s.ss,    tt * s.sr};
+  // clang-format on
+#pragma GCC unroll 64
+  for (std::size_t k = 0; k < kTerms; ++k) (*sums)[k] += terms[k];
 }
 
-// cut: squared residual at which a pixel's weight has fallen to a half (Cauchy's kernel).
-// Precondition: there are rows.
-WAYMARK_VECTORIZED void linearize(const EdgeRows& rows, const GroupNeighbours& neighbours,
-                                  const std::array<float, kUnknowns>& x, float cut,
-                                  NormalSums* normal) {
+// What the grey levels near an edge depend on, as floats.
+using State = std::array<float, kUnknowns>;
+
+// The samples of eight rows from `i` on. cut: squared residual at which a pixel's weight has fallen
+// to a half (Cauchy's kernel).
+WAYMARK_INLINE void sampleRows(const EdgeRows& rows, std::size_t i, const Neighbours& near,
+                               const State& x, float cut, Samples* samples) {
   const float contrast = x[kBlack] - x[kWhite];
   const float per_cut = 1.0F / cut;
   const float per_blur = 1.0F / x[kBlur];
-  const float behind = x[kBehind];
-  const float margin = x[kMargin];
   const Lanes none{};
-  std::array<Lanes, kSums> sums;
+  const Lanes t = lanesAt(rows.t.data(), i);
+  const Lanes white = x[kWhite] + x[kWhiteSlope] * (t - 0.5F);
+  const Lanes black = x[kBlack] + x[kBlackSlope] * (t - 0.5F);
+  const Lanes shift = x[kShiftStart] + t * (x[kShiftEnd] - x[kShiftStart]);
+  const Lanes step = lanesAt(rows.step.data(), i);
+  const Lanes innermost = lanesAt(rows.innermost.data(), i);
+  const Lanes outermost = lanesAt(rows.outermost.data(), i);
+  const Lanes thickness = lanesAt(rows.thickness.data(), i);
+  const Lanes white_cell = lanesAt(rows.ring_white.data(), i);
+  const float* const grey = rows.grey(i);
+  Lanes distance = lanesAt(rows.distance.data(), i);
+  Lanes to_start = lanesAt(rows.to_start.data(), i);
+  Lanes to_end = lanesAt(rows.to_end.data(), i);
+  for (std::size_t k = 0; k < rows.across(); ++k) {
+    const Lanes place = (shift - distance) * per_blur;
+    BlurredStep<Lanes> edge;
+    blurredStepAt(place, &edge);
+    Lanes dark = edge.height;
+    Lanes by_shift = edge.slope;
+    Lanes by_spread = edge.slope * place;
+    if (near.ring) {  // the border ends where the cells begin, and moves with its edge
+      const Lanes inner = place - thickness * per_blur;
+      blurredStepAt(inner, &edge);
+      dark -= white_cell * edge.height;
+      by_shift -= white_cell * edge.slope;
+      by_spread -= white_cell * edge.slope * inner;
+    }
+    Lanes factor = none + contrast * per_blur;
+    if (near.start || near.end) {
+      Lanes within = none + 1.0F;
+      if (near.start) {
+        blurredStepAt(to_start * per_blur, &edge);
+        within *= edge.height;
+      }
+      if (near.end) {
+        blurredStepAt(to_end * per_blur, &edge);
+        within *= edge.height;
+      }
+      dark *= within;
+      factor *= within;
+    }
+    Sample& sample = (*samples)[k];
+    sample.dark = dark;
+    sample.shift = by_shift * factor;
+    sample.blur = -by_spread * factor;
+    Lanes residual = white + dark * (black - white) - lanesAt(grey, k * kLanes);
+    if (k >= near.margin_from && k < near.margin_to) {
+      // The paper ends where its margin does, and moves with the edge.
+      const Lanes outer = -place - (thickness + x[kMargin]) * per_blur;
+      blurredStepAt(outer, &edge);
+      residual += x[kBehind] * edge.height;
+      sample.beyond = edge.height;
+      sample.margin = -x[kBehind] * per_blur * edge.slope;
+      sample.shift += sample.margin;
+      sample.blur += sample.margin * outer;
+    }
+    const IntLanes counts = (distance >= innermost) & (distance <= outermost);
+    const Lanes robust = 1.0F / (1.0F + residual * residual * per_cut);
+    sample.residual = residual;
+    sample.weight = counts ? robust : none;
+    distance += step;
+    to_start += rows.to_start_step;
+    to_end += rows.to_end_step;
+  }
+}
+
+// cut: as of sampleRows(). Precondition: there are rows.
+WAYMARK_VECTORIZED void linearize(const EdgeRows& rows, const GroupNeighbours& neighbours,
+                                  const State& x, float cut, NormalSums* normal) {
+  std::array<Lanes, kSums> sums{};
+  Samples samples;
   for (std::size_t i = 0; i < rows.rows(); i += kLanes) {
     const Neighbours& near = neighbours[i / kLanes];
-    const Lanes t = lanesAt(rows.t.data(), i);
-    const Lanes white = x[kWhite] + x[kWhiteSlope] * (t - 0.5F);
-    const Lanes black = x[kBlack] + x[kBlackSlope] * (t - 0.5F);
-    const Lanes shift = x[kShiftStart] + t * (x[kShiftEnd] - x[kShiftStart]);
-    const Lanes step = lanesAt(rows.step.data(), i);
-    const Lanes innermost = lanesAt(rows.innermost.data(), i);
-    const Lanes outermost = lanesAt(rows.outermost.data(), i);
-    const float* const grey = rows.grey(i);
-    Lanes distance = lanesAt(rows.distance.data(), i);
-    Lanes to_start = lanesAt(rows.to_start.data(), i);
-    Lanes to_end = lanesAt(rows.to_end.data(), i);
+    sampleRows(rows, i, near, x, cut, &samples);
     RowSums s;
-    for (std::size_t k = 0; k < rows.across(); ++k) {
-      const Lanes place = (shift - distance) * per_blur;
-      BlurredStep<Lanes> edge;
-      blurredStepAt(place, &edge);
-      Lanes dark = edge.height;
-      Lanes by_shift = edge.slope;
-      Lanes by_spread = edge.slope * place;
-      if (near.ring) {  // the border ends where the cells begin, and moves with its edge
-        const Lanes inner = place - lanesAt(rows.thickness.data(), i) * per_blur;
-        const Lanes white_cell = lanesAt(rows.ring_white.data(), i);
-        blurredStepAt(inner, &edge);
-        dark -= white_cell * edge.height;
-        by_shift -= white_cell * edge.slope;
-        by_spread -= white_cell * edge.slope * inner;
-      }
-      Lanes factor = none + contrast * per_blur;
-      if (near.start || near.end) {
-        Lanes within = none + 1.0F;
-        if (near.start) {
-          blurredStepAt(to_start * per_blur, &edge);
-          within *= edge.height;
-        }
-        if (near.end) {
-          blurredStepAt(to_end * per_blur, &edge);
-          within *= edge.height;
-        }
-        dark *= within;
-        factor *= within;
-      }
-      const Lanes light = 1.0F - dark;
-      Derivatives by{by_shift * factor, light, dark, -by_spread * factor};
-      Lanes residual = light * white + dark * black - lanesAt(grey, k * kLanes);
-      const bool near_margin = k >= near.margin_from && k < near.margin_to;
-      if (near_margin) {  // the paper ends where its margin does, and moves with the edge
-        const Lanes outer = -place - (lanesAt(rows.thickness.data(), i) + margin) * per_blur;
-        blurredStepAt(outer, &edge);
-        residual += behind * edge.height;
-        by.beyond = edge.height;
-        by.margin = -behind * per_blur * edge.slope;
-        by.shift += by.margin;
-        by.blur += by.margin * outer;
-      }
-      const IntLanes counts = (distance >= innermost) & (distance <= outermost);
-      const Lanes robust = 1.0F / (1.0F + residual * residual * per_cut);
-      const Lanes weight = counts ? robust : none;
-      s.add(by, residual, weight);
-      if (near_margin) s.addMargin(by, residual, weight);
-      distance += step;
-      to_start += rows.to_start_step;
-      to_end += rows.to_end_step;
+    sumUp(samples.data(), samples.data() + rows.across(), &s);
+    if (near.margin_from < near.margin_to) {
+      const Sample* const from = samples.data() + near.margin_from;
+      const Sample* const end = samples.data() + near.margin_to;
+      sumUp(from, end, &Sample::beyond, &s.beyond);
+      sumUp(from, end, &Sample::margin, &s.margin);
+      for (const Sample* p = from; p != end; ++p) s.margins += p->weight * p->margin * p->margin;
     }
-    std::array<Lanes, kSums> terms;
-    termsOf(s, t, i == 0 ? &sums : &terms);
-    if (i == 0) continue;
-    for (std::size_t k = 0; k < kSums; ++k) sums[k] += terms[k];
+    addTerms(s, lanesAt(rows.t.data(), i), &sums);
   }
   for (std::size_t k = 0; k < kSums; k += kLanes) {
     sumEach({sums[k], sums[k + 1], sums[k + 2], sums[k + 3], sums[k + 4], sums[k + 5], sums[k + 6],
@@ -348,7 +391,7 @@ std::string EdgeFitOptions::invalidReason() const {
 }
 
 std::optional<EdgeFit> fitEdge(const EdgeRows& rows, const EdgeFit& start,
-                               const EdgeFitOptions& options) {
+                               const EdgeFitOptions& options, double enough_px) {
   constexpr double kConverged = 0.02;    // pixels: the next step would be a quarter of it at most
   constexpr double kMaxStep = 1.5;       // pixels
   constexpr double kMostOfMargin = 0.8;  // by which it may be narrower or wider than the border
@@ -368,7 +411,7 @@ std::optional<EdgeFit> fitEdge(const EdgeRows& rows, const EdgeFit& start,
   double variance = start.variance > 0.0 ? start.variance : 1e9;
   for (int iteration = 0; iteration < options.iterations; ++iteration) {
     const auto cut = static_cast<float>(options.outlier_chi2 * std::max(variance, 1.0));
-    std::array<float, kUnknowns> xf;
+    State xf;
     for (std::size_t i = 0; i < kUnknowns; ++i) {
       xf[i] = static_cast<float>(x[static_cast<Eigen::Index>(i)]);
     }
@@ -399,11 +442,11 @@ std::optional<EdgeFit> fitEdge(const EdgeRows& rows, const EdgeFit& start,
     x -= step;
     x[kBlur] = std::clamp(x[kBlur], options.min_blur_px, options.max_blur_px);
     x[kMargin] = std::clamp(x[kMargin], -kMostOfMargin * border_px, kMostOfMargin * border_px);
-    if (std::max(std::abs(x[kShiftStart]), std::abs(x[kShiftEnd])) > options.max_shift_px) {
-      return std::nullopt;
-    }
+    const double shift = std::max(std::abs(x[kShiftStart]), std::abs(x[kShiftEnd]));
+    if (shift > options.max_shift_px) return std::nullopt;
+    if (iteration == 0 && start.variance <= 0.0) continue;
     const double moved = std::max(std::abs(step[kShiftStart]), std::abs(step[kShiftEnd]));
-    if ((iteration > 0 || start.variance > 0.0) && moved < kConverged) break;
+    if (moved < kConverged || shift >= enough_px) break;
   }
   if (x[kWhite] - x[kBlack] < options.min_contrast) return std::nullopt;
   EdgeFit fit{.shift_start = x[kShiftStart],

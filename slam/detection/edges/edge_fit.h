@@ -6,6 +6,7 @@
 // model: on small markers they lie within the blur of the edge.
 #pragma once
 
+#include <limits>
 #include <optional>
 #include <string>
 
@@ -14,6 +15,15 @@
 #include "slam/detection/edges/edge_rows.h"
 
 namespace waymark::slam {
+
+// How far outwards of an edge nothing is seen of what is behind the paper, however narrow its
+// margin is, pixels. T: Lanes or float.
+template <typename T>
+WAYMARK_INLINE T paperAlone(const T& border_px, float blur_px) {
+  constexpr float kNarrowMargin = 0.7F;  // a share of the border
+  constexpr float kBehindReach = 2.0F;   // standard deviations of the blur
+  return kNarrowMargin * border_px - kBehindReach * blur_px;
+}
 
 struct EdgeFit {
   // How far the edge lies outwards of the first guess at its start and end, pixels.
@@ -66,9 +76,11 @@ struct EdgeFitOptions {
   [[nodiscard]] std::string invalidReason() const;
 };
 
-// Gauss-Newton on the grey levels from `start`. Empty when there are too few pixels, too little
-// contrast, or the edge runs away from the guess.
-[[nodiscard]] std::optional<EdgeFit> fitEdge(const EdgeRows& rows, const EdgeFit& start,
-                                             const EdgeFitOptions& options);
+// Gauss-Newton on the grey levels from `start`. enough_px: an edge that is as far from its guess is
+// not fitted to the end, as its rows have to be laid out anew. Empty when there are too few pixels,
+// too little contrast, or the edge runs away from the guess.
+[[nodiscard]] std::optional<EdgeFit> fitEdge(
+    const EdgeRows& rows, const EdgeFit& start, const EdgeFitOptions& options,
+    double enough_px = std::numeric_limits<double>::infinity());
 
 }  // namespace waymark::slam

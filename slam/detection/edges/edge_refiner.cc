@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
+#include <limits>
 
 #include <Eigen/Geometry>
 #include <Eigen/LU>
@@ -26,8 +27,10 @@ SideWindow windowFor(const MarkerSide& side, double blur_px, bool code_known,
   const auto within = [&](double reach, double share) {
     return std::clamp(reach, options.min_reach_px, std::max(options.min_reach_px, share * border));
   };
+  const bool sees_behind = static_cast<float>(wanted) >
+                           paperAlone(static_cast<float>(border), static_cast<float>(blur_px));
   return {
-      within(wanted + options.more_outside_px, options.max_outside),
+      within(wanted + (sees_behind ? options.more_outside_px : 0.0), options.max_outside),
       within(wanted, code_known ? options.max_inside : options.max_inside_without_code),
       std::min(options.end_per_blur * blur_px + options.end_px, options.max_end * side.length_px)};
 }
@@ -68,38 +71,14 @@ std::optional<Corner> intersect(const MarkerSide& in, const EdgeFit& in_fit, con
   return corner;
 }
 
-// How white the cells behind the border are at t, a share of the side, blurred along it.
-float ringWhite(const MarkerSide& side, const InnerRing& ring, std::size_t index, double t,
-                double blur_px) {
-  constexpr int kNear = 2;  // boundaries on either side of the nearest one that are reckoned with
-  const double d = t + side.perspective * (1.0 - t);
-  const double u = side.cells * t / d;  // MarkerSide::printCoordinate()
-  // Where u is negative nothing is white. NOLINTNEXTLINE(bugprone-incorrect-roundings)
-  const int nearest = static_cast<int>(u + 0.5);
-  const double per_cell = d * d * side.length_px / (side.cells * side.perspective * blur_px);
-  float cell = ring.cell(index, nearest - kNear - 1);
-  float white = cell;
-  for (int boundary = nearest - kNear; boundary <= nearest + kNear; ++boundary) {
-    const float next = ring.cell(index, boundary);
-    if (next == cell) continue;
-    const auto beyond = static_cast<float>((u - boundary) * per_cell);
-    if (beyond > -kBlurReach) {
-      BlurredStep<float> step{};
-      blurredStepAt(beyond, &step);
-      white += (next - cell) * step.height;
-    }
-    cell = next;
-  }
-  return white;
-}
-
 // Rows of pixels across a side.
 struct RowGrid {
   Eigen::Index major;  // axis along which they follow each other; the other is the minor one
   int first;           // the first row's coordinate
   int step;            // from row to row, pixels
   int last_minor;      // of the image
-  float reach;         // how far from the side along a row, pixels
+  float before;        // how far from the side along a row, pixels: to its first sample
+  float after;         // and to its last
 };
 
 WAYMARK_INLINE Lanes polynomial(const std::array<float, 5>& c, const Lanes& t) {
@@ -148,8 +127,8 @@ WAYMARK_VECTORIZED void crossRows(const MarkerSide& side, const SideWindow& wind
     for (std::size_t k = 0; k < kLanes; ++k) norm[k] = std::sqrt(squared[k]);
     const Lanes outward = outward_sign * d_along / norm;
     // False for a NaN. Rows that cross the side outside the image have nothing of it.
-    const IntLanes crosses = (p > -grid.reach) & (p < last_minor + grid.reach);
-    const Lanes lowest = crosses ? p - grid.reach : none;
+    const IntLanes crosses = (p > -grid.after) & (p < last_minor + grid.before);
+    const Lanes lowest = crosses ? p - grid.before : none;
     IntLanes low = __builtin_convertvector(lowest, IntLanes);  // towards zero
     low -= __builtin_convertvector(low, Lanes) < lowest;       // true is -1
     const Lanes first = __builtin_convertvector(low, Lanes);
@@ -171,7 +150,34 @@ WAYMARK_VECTORIZED void crossRows(const MarkerSide& side, const SideWindow& wind
     lanesAt(rows->thickness.data(), i) = thickness + t * thickness_slope;
     for (std::size_t k = 0; k < kLanes; ++k) first_sample[i + k] = low[k];
   }
-  rows->ignorePadding();
+}
+
+// How white each row finds the cells behind the border, blurred along them. slant: how far along
+// the side one sample is from the next, a share of its length. Rows need not be at right angles to
+// the side: they reach the cells further along it, or less far, than where they cross it.
+WAYMARK_VECTORIZED void reachCells(const MarkerSide& side, const InnerRing& ring, std::size_t index,
+                                   float slant, double blur_px, EdgeRows* rows) {
+  const auto cells = static_cast<float>(side.cells);
+  const auto perspective = static_cast<float>(side.perspective);
+  const auto blurs = static_cast<float>(side.length_px / (side.cells * side.perspective * blur_px));
+  const Lanes none{};
+  for (std::size_t i = 0; i < rows->rows(); i += kLanes) {
+    const Lanes samples = lanesAt(rows->thickness.data(), i) / lanesAt(rows->step.data(), i);
+    const Lanes t = lanesAt(rows->t.data(), i) - samples * slant;
+    const Lanes d = t + perspective * (1.0F - t);
+    const Lanes u = cells * t / d;  // MarkerSide::printCoordinate()
+    const Lanes per_cell = d * d * blurs;
+    Lanes white{};
+    for (int boundary = 1; boundary <= ring.cells_per_side + 1; ++boundary) {
+      const float change = ring.cell(index, boundary) - ring.cell(index, boundary - 1);
+      if (change == 0.0F) continue;
+      const Lanes beyond = (u - static_cast<float>(boundary)) * per_cell;
+      BlurredStep<Lanes> step;
+      blurredStepAt(beyond, &step);
+      white += beyond > -kBlurReach ? change * step.height : none;
+    }
+    lanesAt(rows->ring_white.data(), i) = white;
+  }
 }
 
 // What lies beyond 0 .. last goes to the nearer end, however far away it is.
@@ -339,9 +345,11 @@ void EdgeRefiner::layOutRows(const PlacedImage& placed, const std::array<MarkerS
   const Eigen::Index minor = 1 - major;
   const int last_major = (major == 0 ? image.width : image.height) - 1;
   const int last_minor = (major == 0 ? image.height : image.width) - 1;
-  const double reach =
-      std::max(window.outer, window.inner) * side.length_px / std::abs(delta_px[major]);
-  const auto across = std::min(static_cast<std::size_t>(2.0 * reach) + 1, EdgeRows::kMaxAcross);
+  const double slant = side.length_px / std::abs(delta_px[major]);
+  const bool outwards = (delta_px[major] > 0.0) == (major == 1);  // from sample to sample
+  const double before = slant * (outwards ? window.inner : window.outer);
+  const double after = slant * (outwards ? window.outer : window.inner);
+  const auto across = std::min(static_cast<std::size_t>(before + after) + 1, EdgeRows::kMaxAcross);
 
   const double margin_t = window.end_margin / side.length_px;
   const double from = side.pixelAt(margin_t)[major];
@@ -358,18 +366,18 @@ void EdgeRefiner::layOutRows(const PlacedImage& placed, const std::array<MarkerS
   };
   rows_.to_start_step = inwards(sides[(index + 3) % 4]);
   rows_.to_end_step = inwards(sides[(index + 1) % 4]);
-  crossRows(side, window, {major, first, step, last_minor, static_cast<float>(reach)}, &rows_,
-            first_sample_.data());
+  crossRows(side, window,
+            {major, first, step, last_minor, static_cast<float>(before), static_cast<float>(after)},
+            &rows_, first_sample_.data());
 
-  // Rows need not be at right angles to the side: they reach the cells further along it, or less
-  // far, than where they cross it.
-  const double slant_t = delta_px[minor] / (side.length_px * side.length_px);  // a sample
+  if (ring != nullptr) {
+    const double along = delta_px[minor] / (side.length_px * side.length_px);
+    reachCells(side, *ring, index, static_cast<float>(along), blur_px, &rows_);
+  } else {
+    rows_.ring_white.fill(0.0F);
+  }
+  rows_.ignorePadding();
   for (std::size_t row = 0; row < static_cast<std::size_t>(count); ++row) {
-    const double samples = -double{rows_.thickness[row]} / double{rows_.step[row]};
-    rows_.ring_white[row] =
-        ring == nullptr
-            ? 0.0F
-            : ringWhite(side, *ring, index, double{rows_.t[row]} + samples * slant_t, blur_px);
     const int c = first + static_cast<int>(row) * step;
     const int low = first_sample_[row];
     const auto greyAt = [&](int r) {
@@ -412,24 +420,27 @@ std::optional<RefinedQuad> EdgeRefiner::refine(const PlacedImage& placed,
       if (shapes.bow_px[k] != 0.0) (*sides)[k].bend(shapes.bow_px[k]);
     }
     const int rows = pass < 0 || ring == nullptr ? options_.rows_rough : options_.rows_fine;
+    const bool is_last = pass + 1 >= shapes.passes(options_);
+    const double enough_px =
+        is_last ? std::numeric_limits<double>::infinity() : options_.settled_shift_px;
     settled = pass >= 0;
     for (std::size_t k = 0; k < 4; ++k) {
       EdgeFit& fit = quad.edges[k];
       const double blur_px = fit.blur_px;
       fit.shift_start = fit.shift_end = 0.0;
       layOutRows(placed, *sides, k, ring, rows, blur_px);
-      const auto fitted = fitEdge(rows_, fit, options_.fit);
+      const auto fitted = fitEdge(rows_, fit, options_.fit, enough_px);
       if (!fitted) return std::nullopt;
       fit = *fitted;
       // A window for less blur than there is sees too little of the edge.
-      settled = settled && largestShift(fit) < options_.settled_shift_px &&
-                fit.blur_px < kGrownBlur * blur_px;
+      const bool is_near = largestShift(fit) < options_.settled_shift_px;
+      settled = settled && is_near && fit.blur_px < kGrownBlur * blur_px;
       if (pass < 0 || ring == nullptr) continue;
       shapes.narrow_variance[k] = narrowVariance(fit, (*sides)[k], options_);
       if (isSoft(fit.blur_px, placed)) {
         shapes.narrow_variance[k] += marginVariance(rows_, fit, options_);
       }
-      if (!isBent(fit, options_)) continue;
+      if (!(is_near || is_last) || !isBent(fit, options_)) continue;
       shapes.bow_px[k] += fit.bow_px;
       settled = false;
     }
