@@ -35,10 +35,7 @@ void BatchMapper::optimize() {
 
 // One that turned out to be another is held less.
 ExpectedLens BatchMapper::expectedLens() const {
-  const CameraModel given =
-      with_.options.lens.given
-          ? asLens(with_.lens.given, *with_.camera)
-          : withoutDistortion(with_.camera->calibration().model, with_.lens.given);
+  const CameraModel given = expectedAs(with_.lens.given, with_.options.lens.given, *with_.camera);
   if (with_.lens.state == LensState::kGiven) {
     return {given.intrinsics(), with_.options.intrinsics.sigmas(), 0.0};
   }

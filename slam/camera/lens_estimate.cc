@@ -21,9 +21,11 @@ BundleOptions ungated(BundleOptions options) {
   return options;
 }
 
-void freeLens(const LensProblem& lens, BundleProblem* problem) {
-  problem->lens = {lens.in_use, lens.in_use, lens.expected.intrinsics(),
-                   lens.prior.sigmas(lens.expected), lens.prior.aspect_share};
+// Beginning with that one, in whatever model it is.
+void freeLens(const CameraModel& beginning, const LensProblem& lens, BundleProblem* problem) {
+  const CameraModel expected = expectedAs(lens.expected, !lens.any_model, beginning);
+  problem->lens = {beginning, lens.in_use, expected.intrinsics(), lens.prior.sigmas(expected),
+                   lens.prior.aspect_share};
 }
 
 int keyframesSince(const Map& map, std::int64_t since_ns) {
@@ -104,12 +106,23 @@ Task<double> chi2BeyondBend(BundleProblem problem, const LensProblem& lens, Bund
   co_return (bent_cost - both_cost) / (sigma * sigma);
 }
 
-// Through that lens, in whatever model.
-BundleProblem through(const CameraModel& camera, const LensProblem& lens, BundleProblem problem) {
-  const CameraModel expected = withoutDistortion(camera.calibration().model, lens.expected);
-  problem.lens = {camera, lens.in_use, expected.intrinsics(), lens.prior.sigmas(expected),
-                  lens.prior.aspect_share};
-  return problem;
+struct Settled {
+  BundleAdjuster adjuster;
+  double sigma = 1.0;  // of the residuals
+};
+
+// In two runs, the second one with the noise as it is through the better lens. Empty where there is
+// no optimum.
+Task<std::optional<Settled>> settle(BundleProblem problem, const BundleOptions& options,
+                                    Budget* budget) {
+  BundleAdjuster roughly(std::move(problem), ungated(options));
+  const BundleSummary rough = co_await roughly.run(budget);
+  if (rough.failed) co_return std::nullopt;
+  std::optional<Settled> settled({.adjuster = BundleAdjuster(roughly.problem(), options)});
+  const BundleSummary summary = co_await settled->adjuster.run(budget);
+  if (summary.failed) co_return std::nullopt;
+  settled->sigma = summary.residual_sigma;
+  co_return settled;
 }
 
 // Where else to begin from, as each beginning leads to the nearest minimum only: the lens in the
@@ -130,36 +143,33 @@ std::vector<CameraModel> otherBeginnings(const LensProblem& lens, const CameraMo
   return beginnings;
 }
 
-// Puts a better one into the place of `best`, if any of the other beginnings leads to one. Whether
-// one did.
-Task<bool> improveFromElsewhere(const LensProblem& lens, const BundleOptions& options, double sigma,
-                                BundleAdjuster* best, Budget* budget) {
+// What was found, or what another beginning leads to, if that is better.
+Task<Settled> bestFromAnywhere(const LensProblem& lens, const BundleOptions& options, Settled best,
+                               Budget* budget) {
   // By which the other model has to be better than chance: twice the log of likelihoods, in units
   // of the noise.
   constexpr double kEvidence = 20.0;
-  const CameraModel found = best->problem().lens->camera;
+  const CameraModel found = best.adjuster.problem().lens->camera;
+  const double sigma = best.sigma;
   const double huber = options.huber * sigma;
-  double least = co_await costOf(best->problem(), huber, budget);
+  double least = co_await costOf(best.adjuster.problem(), huber, budget);
   bool covers = coversImage(found);
-  bool improved = false;
   for (const CameraModel& beginning : otherBeginnings(lens, found)) {
-    BundleAdjuster roughly(through(beginning, lens, best->problem()), ungated(options));
-    (void)co_await roughly.run(budget);
-    BundleAdjuster other(roughly.problem(), options);
-    const BundleSummary summary = co_await other.run(budget);
-    double cost = co_await costOf(other.problem(), huber, budget);
-    const CameraModel& camera = other.problem().lens->camera;
+    BundleProblem problem = best.adjuster.problem();
+    freeLens(beginning, lens, &problem);
+    std::optional<Settled> other = co_await settle(std::move(problem), options, budget);
+    if (!other) continue;
+    const CameraModel& camera = other->adjuster.problem().lens->camera;
+    double cost = co_await costOf(other->adjuster.problem(), huber, budget);
     if (camera.calibration().model != found.calibration().model) cost += kEvidence * sigma * sigma;
     // A lens that does not see all of the image is no lens, however well it fits.
     const bool other_covers = coversImage(camera);
-    const bool is_better = other_covers == covers ? cost < least : other_covers;
-    if (summary.failed || !is_better) continue;
+    if (other_covers == covers ? !(cost < least) : covers) continue;
     least = cost;
     covers = other_covers;
-    improved = true;
-    *best = std::move(other);
+    best = std::move(*other);
   }
-  co_return improved;
+  co_return best;
 }
 
 }  // namespace
@@ -167,8 +177,6 @@ Task<bool> improveFromElsewhere(const LensProblem& lens, const BundleOptions& op
 Task<std::optional<LensEstimate>> estimateLens(const Map& map, const MarkerOptions& markers,
                                                LensProblem lens, BundleOptions options,
                                                Budget* budget) {
-  lens.expected = lens.any_model ? withoutDistortion(lens.in_use.calibration().model, lens.expected)
-                                 : asLens(lens.expected, lens.in_use);
   const int of_this_lens = keyframesSince(map, lens.since_ns);
   const int all = static_cast<int>(map.keyframes().size());
   const bool whole = of_this_lens == all && all <= lens.max_keyframes;
@@ -177,7 +185,7 @@ Task<std::optional<LensEstimate>> estimateLens(const Map& map, const MarkerOptio
   Subproblem part = co_await buildSubproblem(map, std::move(members), markers, budget);
   if (lens.markers_held) holdMarkers(&part.problem);
   if (!lens.readout_known) freeReadout(map, lens.readout_s, lens.in_use, &part);
-  freeLens(lens, &part.problem);
+  freeLens(lens.in_use, lens, &part.problem);
   // What another readout time explains as well is not the lens': so the one in use is tried with
   // that, too, where nobody knows it.
   double before_px = rmsPx(part.problem);
@@ -192,16 +200,11 @@ Task<std::optional<LensEstimate>> estimateLens(const Map& map, const MarkerOptio
   if (lens.perhaps_bent && !part.problem.cameras.empty()) {
     chi2_beyond_bend = co_await chi2BeyondBend(part.problem, lens, ungated(options), budget);
   }
-  BundleAdjuster roughly(std::move(part.problem), ungated(options));
-  const BundleSummary rough = co_await roughly.run(budget);
-  if (rough.failed) co_return std::nullopt;
-  // Again with the noise as it is through the better lens.
-  BundleAdjuster adjuster(roughly.problem(), options);
-  const BundleSummary summary = co_await adjuster.run(budget);
-  if (summary.failed) co_return std::nullopt;
-  if (lens.any_model) {
-    (void)co_await improveFromElsewhere(lens, options, summary.residual_sigma, &adjuster, budget);
-  }
+  std::optional<Settled> settled = co_await settle(std::move(part.problem), options, budget);
+  if (!settled) co_return std::nullopt;
+  if (lens.any_model)
+    settled = co_await bestFromAnywhere(lens, options, std::move(*settled), budget);
+  BundleAdjuster& adjuster = settled->adjuster;
   const auto covariance = co_await adjuster.globalsCovariance(budget);
   if (!covariance) co_return std::nullopt;
   MapCorrection correction = co_await correctionOf(part, adjuster, budget);

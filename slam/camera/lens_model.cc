@@ -63,4 +63,8 @@ CameraModel asLens(const CameraModel& camera, const CameraModel& other) {
   return inModel(other.calibration().model, camera).value_or(other);
 }
 
+CameraModel expectedAs(const CameraModel& given, bool measured, const CameraModel& other) {
+  return measured ? asLens(given, other) : withoutDistortion(other.calibration().model, given);
+}
+
 }  // namespace waymark::slam

@@ -18,4 +18,9 @@ namespace waymark::slam {
 // The same as it is, in the model of another lens; that one where there is none.
 [[nodiscard]] CameraModel asLens(const CameraModel& camera, const CameraModel& other);
 
+// What a lens is expected to be, in the model of another one: as somebody has measured it, or as it
+// was guessed.
+[[nodiscard]] CameraModel expectedAs(const CameraModel& given, bool measured,
+                                     const CameraModel& other);
+
 }  // namespace waymark::slam
