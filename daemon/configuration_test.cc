@@ -127,6 +127,9 @@ TEST(Configuration, TheExampleWithEverythingUncommentedChangesNoDefault) {
   EXPECT_EQ(o.natural.integrator.max_prediction_s, e.natural.integrator.max_prediction_s);
   EXPECT_EQ(o.natural.integrator.max_error_m, e.natural.integrator.max_error_m);
   EXPECT_EQ(o.natural.integrator.max_error_rad, e.natural.integrator.max_error_rad);
+  EXPECT_EQ(o.natural.integrator.start.border, e.natural.integrator.start.border);
+  EXPECT_EQ(o.natural.integrator.start.min_area, e.natural.integrator.start.min_area);
+  EXPECT_EQ(o.natural.integrator.start.max_area, e.natural.integrator.start.max_area);
   EXPECT_EQ(o.covariance.cost_per_frame, e.covariance.cost_per_frame);
   EXPECT_EQ(c->relocalizer.core_share, d.relocalizer.core_share);
   EXPECT_EQ(o.initialization.ambiguity_ratio, e.initialization.ambiguity_ratio);

@@ -1,6 +1,7 @@
 #include "slam/feature_stage.h"
 
 #include <algorithm>
+#include <array>
 #include <cstddef>
 
 #include "slam/covariance/marginals.h"
@@ -29,6 +30,28 @@ bool FeatureStage::concerns(const FrameInput& frame) const {
 void FeatureStage::moveWorld(const Transform& T_new_old) {
   integrator_.moveWorld(T_new_old);
   anchor_.T_w_m = T_new_old * anchor_.T_w_m;
+}
+
+bool FeatureStage::beginsAtAny(std::span<const KnownMarker> markers) const {
+  return std::ranges::any_of(markers, [&](const KnownMarker& marker) {
+    return isWithin(options_.integrator.start, marker.detection->pixels, camera_.width(),
+                    camera_.height());
+  });
+}
+
+bool FeatureStage::beginsAt(const LateResult& seen, const PicturePrint& print) const {
+  const Transform T_c_m = seen.T_m_c.inverse();
+  const double x = 0.5 * print.width_m;
+  const double y = 0.5 * print.height_m;
+  std::array<Eigen::Vector2d, 4> corners_px;
+  const std::array<Eigen::Vector3d, 4> corners = {
+      {{-x, y, 0.0}, {x, y, 0.0}, {x, -y, 0.0}, {-x, -y, 0.0}}};
+  for (std::size_t k = 0; k < corners.size(); ++k) {
+    const auto pixel = camera_.project(T_c_m * corners[k]);
+    if (!pixel) return options_.integrator.start.border == 0.0;  // beyond any image
+    corners_px[k] = *pixel;
+  }
+  return isWithin(options_.integrator.start, corners_px, camera_.width(), camera_.height());
 }
 
 // The pose is relative to it: a first view's error, which the next keyframes take back, say.
@@ -60,7 +83,7 @@ bool FeatureStage::follow(const FrameInput& frame, const TrackedFrame& tracked,
   // What the pose is relative to: what is not known of its place is the world's share, and not to
   // be counted twice.
   if (fitting_.size() == 1 && is_only) nearest->covariance.setZero();
-  const bool begins = isCertain(tracked) || tracked.single->covered;
+  const bool begins = (isCertain(tracked) || tracked.single->covered) && beginsAtAny(fitting_);
   const bool agrees =
       integrator_.follow(frame.time.monotonic_ns, *frame.image, pose, begins, fitting_);
   if (agrees && nearest != fitting_.end()) anchor_ = {nearest->detection->id, nearest->T_w_m};
@@ -113,8 +136,8 @@ void FeatureStage::await(const FrameInput& frame, bool has_pose, StageObserver* 
 
 // What a picture's own views leave open of its place is a new error where the pose comes from
 // somewhere else, and part of what it is relative to where it came from there already.
-void FeatureStage::late(const LateResult& seen, const MapMarker& picture,
-                        std::span<const Eigen::Vector2d> points_m, StageObserver* observer) {
+void FeatureStage::late(const LateResult& seen, const MapMarker& picture, const PicturePrint& print,
+                        StageObserver* observer) {
   if (!options_.enabled) return;
   const StageScope scope(observer, Stage::kFeatures);
   const Transform& T_w_p = *picture.T_w_m;
@@ -125,10 +148,13 @@ void FeatureStage::late(const LateResult& seen, const MapMarker& picture,
     if (elsewhere) fix.covariance += T * picture.covariance * T.transpose();
     return fix;
   };
-  LatePose pose{.fix = fixOf(seen.T_m_c, seen.covariance), .other = {}, .decided = seen.decided};
+  LatePose pose{.fix = fixOf(seen.T_m_c, seen.covariance),
+                .other = {},
+                .decided = seen.decided,
+                .begins = beginsAt(seen, print)};
   if (seen.other) pose.other = fixOf(seen.other->T_m_c, seen.other->covariance);
   points_w_.clear();
-  for (const Eigen::Vector2d& p : points_m) {
+  for (const Eigen::Vector2d& p : print.points_m) {
     points_w_.push_back(T_w_p * Eigen::Vector3d(p.x(), p.y(), 0.0));
   }
   switch (integrator_.late(pose, points_w_)) {
@@ -150,6 +176,7 @@ void FeatureStage::late(const LateResult& seen, const MapMarker& picture,
       break;
     case LateOutcome::kOpen:
     case LateOutcome::kKnown:
+    case LateOutcome::kOutside:
     case LateOutcome::kUnknown:
       break;
   }

@@ -60,10 +60,9 @@ class FeatureStage {
   [[nodiscard]] int anchor() const { return anchor_.id; }
   // After all of these: somebody else looks at the frame, too.
   void await(const FrameInput& frame, bool has_pose, StageObserver* observer);
-  // Before all of these: a picture of the map was seen in an awaited frame. points_m: of its print,
-  // that features may begin at.
-  void late(const LateResult& seen, const MapMarker& picture,
-            std::span<const Eigen::Vector2d> points_m, StageObserver* observer);
+  // Before all of these: a picture of the map was seen in an awaited frame.
+  void late(const LateResult& seen, const MapMarker& picture, const PicturePrint& print,
+            StageObserver* observer);
   // The map has moved under the camera.
   void moveWorld(const Transform& T_new_old);
   // Where the features are was seen through another lens.
@@ -71,6 +70,9 @@ class FeatureStage {
 
  private:
   [[nodiscard]] bool concerns(const FrameInput& frame) const;
+  // Where they are in the image, the filter may begin at them.
+  [[nodiscard]] bool beginsAtAny(std::span<const KnownMarker> markers) const;
+  [[nodiscard]] bool beginsAt(const LateResult& seen, const PicturePrint& print) const;
   // Where the map has put its only marker by now, the features go with it.
   void followAnchor(const Map& map);
   // Those that the map has no place for, and does not distrust; no more than the filter has room

@@ -28,13 +28,9 @@ class FeatureStageTest : public ::testing::Test {
     double by_view = 0.0;
     double by_marker = 0.0;
   };
-  // Of the pose after so many frames with the marker and without it.
-  Told toldAfter(unsigned seed, int with, int without) {
-    Options options;
-    options.markers.size_m = kSize_m;
-    Slam slam(camera_, *Dictionary::byName("4X4_50"), options);
-    const testing::Dolly dolly{.speed_m_per_s = 0.4, .seed = seed};
-    std::mt19937 rng(seed);
+  // What a new SLAM says of the last of so many frames with the marker and without it.
+  FrameResult process(Slam* slam, const testing::Dolly& dolly, int with, int without) {
+    std::mt19937 rng(dolly.seed);
     std::vector<std::uint8_t> pixels;
     FrameResult result;
     for (int k = 0; k < with + without; ++k) {
@@ -47,11 +43,18 @@ class FeatureStageTest : public ::testing::Test {
         seen = {*detection};
       }
       const ImageView image{pixels.data(), camera_.width(), camera_.height(), camera_.width()};
-      result = slam.process(
+      result = slam->process(
           {.time = {static_cast<std::uint64_t>(k), static_cast<std::int64_t>(1e9 * k / kRate_hz)},
            .image = image,
            .detections = seen});
     }
+    return result;
+  }
+  // Of the pose then.
+  Told toldAfter(unsigned seed, int with, int without) {
+    Slam slam(camera_, *Dictionary::byName("4X4_50"), options_);
+    const testing::Dolly dolly{.speed_m_per_s = 0.4, .seed = seed};
+    const FrameResult result = process(&slam, dolly, with, without);
     if (!result.pose || slam.map().keyframes().empty()) {
       ADD_FAILURE() << "no pose, seed " << seed;
       return {};
@@ -68,6 +71,9 @@ class FeatureStageTest : public ::testing::Test {
             attitude(slam.map().findPosed(7)->world_covariance)};
   }
 
+  FeatureStageTest() { options_.markers.size_m = kSize_m; }
+
+  Options options_;
   CameraModel camera_{testing::wideCalibration(320, 240)};
   testing::TexturedWall wall_{3};
   Transform marker_ = testing::markerFacing({0.0, -0.005, 0.1}, {-0.6, -1.0, 0.1});
@@ -87,6 +93,20 @@ TEST_F(FeatureStageTest, AfterTheOnlyMarkerThePoseKnowsItsError) {
   // The corners' noise is white here, and believed to be the same from view to view in part.
   EXPECT_GT(nees, 6.0 / (1.75 * 1.75));
   EXPECT_LT(nees, 6.0 * 1.5 * 1.5);
+}
+
+TEST_F(FeatureStageTest, BeginsAtAMarkerWithinTheLimitsOnly) {
+  const auto isCarried = [&] {
+    Slam slam(camera_, *Dictionary::byName("4X4_50"), options_);
+    return process(&slam, {.speed_m_per_s = 0.4, .seed = 1}, 45, 5).pose.has_value();
+  };
+  EXPECT_TRUE(isCarried());
+  options_.natural.integrator.start.min_area = 0.5;
+  EXPECT_FALSE(isCarried());
+  options_.natural.integrator.start.min_area = 0.01;
+  EXPECT_TRUE(isCarried());
+  options_.natural.integrator.start.border = 0.45;
+  EXPECT_FALSE(isCarried());
 }
 
 }  // namespace

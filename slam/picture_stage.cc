@@ -103,7 +103,7 @@ bool PictureStage::hearOne(const LateResult& heard, StageObserver* observer) {
   if (begins) beginMap(frame, seen, *print);
   if (with_.options.mapping && seen.decided) with_.map->addPicture(*print);
   if (const MapMarker* const known = with_.map->findPosed(seen.landmark)) {
-    with_.features->late(seen, *known, print->points_m, observer);
+    with_.features->late(seen, *known, *print, observer);
   }
   const bool grows = with_.options.mapping && seen.decided && grow(frame, seen, *print, observer);
   return begins || grows;

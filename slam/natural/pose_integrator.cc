@@ -34,20 +34,22 @@ bool isFinite(const FilteredPose& pose) {
 }  // namespace
 
 std::string PoseIntegratorOptions::invalidReason() const {
-  return firstUnmet({{max_markers >= 1, "max_markers must be at least 1"},
-                     {isNotNegative(idle_after_s), "idle_after_s must not be negative"},
-                     {min_features >= 3, "min_features must be at least 3"},
-                     {isNotNegative(max_prediction_s), "max_prediction_s must not be negative"},
-                     {isPositive(max_pause_s), "max_pause_s must be positive"},
-                     {isPositive(max_error_m), "max_error_m must be positive"},
-                     {isPositive(max_error_rad), "max_error_rad must be positive"},
-                     {isPositive(max_innovation_chi2), "max_innovation_chi2 must be positive"},
-                     {isPositive(max_blind_s), "max_blind_s must be positive"},
-                     {witnesses >= 1, "witnesses must be at least 1"},
-                     {isPositive(start_sigma_m), "start_sigma_m must be positive"},
-                     {isPositive(start_sigma_rad), "start_sigma_rad must be positive"},
-                     {isPositive(adrift_scale_sigma), "adrift_scale_sigma must be positive"},
-                     {isPositive(max_start_error), "max_start_error must be positive"}});
+  return firstReason(
+      {firstUnmet({{max_markers >= 1, "max_markers must be at least 1"},
+                   {isNotNegative(idle_after_s), "idle_after_s must not be negative"},
+                   {min_features >= 3, "min_features must be at least 3"},
+                   {isNotNegative(max_prediction_s), "max_prediction_s must not be negative"},
+                   {isPositive(max_pause_s), "max_pause_s must be positive"},
+                   {isPositive(max_error_m), "max_error_m must be positive"},
+                   {isPositive(max_error_rad), "max_error_rad must be positive"},
+                   {isPositive(max_innovation_chi2), "max_innovation_chi2 must be positive"},
+                   {isPositive(max_blind_s), "max_blind_s must be positive"},
+                   {witnesses >= 1, "witnesses must be at least 1"},
+                   {isPositive(start_sigma_m), "start_sigma_m must be positive"},
+                   {isPositive(start_sigma_rad), "start_sigma_rad must be positive"},
+                   {isPositive(adrift_scale_sigma), "adrift_scale_sigma must be positive"},
+                   {isPositive(max_start_error), "max_start_error must be positive"}}),
+       start.invalidReason()});
 }
 
 std::string NaturalOptions::invalidReason() const {
@@ -77,7 +79,7 @@ PoseIntegrator::PoseIntegrator(const NaturalOptions& options, const CameraModel&
 }
 
 bool PoseIntegrator::follow(std::int64_t time_ns, const ImageView& image, const PoseEstimate& pose,
-                            bool certain, std::span<const KnownMarker> markers) {
+                            bool begins, std::span<const KnownMarker> markers) {
   const bool features_knew = bridging_ || fused_;
   fused_.reset();
   arrival_.reset();
@@ -97,7 +99,7 @@ bool PoseIntegrator::follow(std::int64_t time_ns, const ImageView& image, const 
   const bool goes_on = running();
   if (!goes_on) {
     bridging_ = false;
-    if (!certain || static_cast<int>(markers.size()) > options_.integrator.max_markers) return true;
+    if (!begins || static_cast<int>(markers.size()) > options_.integrator.max_markers) return true;
     start(time_ns, pose);
   }
   if (goes_on && bridging_) arrival_ = filter_->pose();
@@ -266,12 +268,14 @@ LateOutcome PoseIntegrator::late(const LatePose& pose, std::span<const Eigen::Ve
       const Vector6d apart = then->localCoordinates(fix.T_w_c);
       contradiction_ = apart * apart.transpose();
     }
-    if (outcome != LateOutcome::kRefused || !pose.decided || !isOutvoted(fix)) return outcome;
+    const bool contradicts = outcome == LateOutcome::kRefused && pose.decided && pose.begins;
+    if (!contradicts || !isOutvoted(fix)) return outcome;
     adrift_ = true;
     contradiction_.setZero();  // the pictures are right
     guessed_scale_ = 1.0;      // it had one
   }
   if (!pose.decided) return LateOutcome::kOpen;
+  if (!pose.begins) return LateOutcome::kOutside;
   const Eigen::Map<const Eigen::Matrix3Xd> points(points_w.front().data(), 3,
                                                   static_cast<Eigen::Index>(points_w.size()));
   const double distance_m = (points.rowwise().mean() - fix.T_w_c.p).norm();

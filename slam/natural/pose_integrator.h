@@ -19,6 +19,7 @@
 #include "slam/geometry/camera_model.h"
 #include "slam/map/picture_print.h"
 #include "slam/natural/filter/visual_filter.h"
+#include "slam/natural/start_limits.h"
 #include "slam/pose_estimate.h"
 
 namespace waymark::slam {
@@ -62,6 +63,8 @@ struct PoseIntegratorOptions {
   // share of the distance to it. More begins sooner where the camera moves, and with a scale that
   // is known less.
   double max_start_error = 0.03;
+  // Where in the image a marker or picture must be for it to begin.
+  StartLimits start;
 
   // Empty when usable, else what is wrong.
   [[nodiscard]] std::string invalidReason() const;
@@ -86,6 +89,7 @@ enum class LateOutcome : std::uint8_t {
   kStarted,  // the filter goes on from there: it had no place in the world, or a wrong one
   kNoted,    // the same, but how far the camera has gone since is not known yet
   kOpen,     // which of its two poses it is is open, or what is known speaks for the other one
+  kOutside,  // the filter does not begin at it, for where it is in the image
   kUnknown,  // nobody follows features since that frame
 };
 
@@ -104,6 +108,8 @@ struct LatePose {
   std::optional<LateFix> other;
   // The picture itself has decided between them.
   bool decided = true;
+  // The filter may begin at it: it is within the options' limits.
+  bool begins = true;
 };
 
 class PoseIntegrator {
@@ -117,11 +123,11 @@ class PoseIntegrator {
   }
 
   // A frame with a pose from these markers, all of which fit it. image: of the camera's size, or
-  // empty. certain: it is not one of two that nothing has decided between. False while the markers
-  // contradict a filter that the last pose was from, alone or fused(): then the frame is to be
-  // bridged.
+  // empty. begins: the filter may begin at it, if there is none; not where it is one of two poses
+  // that nothing has decided between. False while the markers contradict a filter that the last
+  // pose was from, alone or fused(): then the frame is to be bridged.
   [[nodiscard]] bool follow(std::int64_t time_ns, const ImageView& image, const PoseEstimate& pose,
-                            bool certain, std::span<const KnownMarker> markers);
+                            bool begins, std::span<const KnownMarker> markers);
   // Of the last frame, where it was follow()ed: its pose from features and markers together, in
   // place of the markers' alone. Empty where the filter has only begun, or knows no better, and
   // with more markers than features are followed for.

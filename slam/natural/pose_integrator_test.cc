@@ -267,7 +267,7 @@ class StartFromPictureTest : public PoseIntegratorTest {
       return LateFix{static_cast<std::uint64_t>(awaited_->frame), T_w_c,
                      sigma_ * sigma_ * Matrix6d::Identity()};
     };
-    LatePose pose{.fix = fix(awaited_->T_w_c), .decided = decided_};
+    LatePose pose{.fix = fix(awaited_->T_w_c), .decided = decided_, .begins = begins_};
     if (other_rad_ == 0.0) return pose;
     pose.other = fix(turnedAboutPicture(awaited_->T_w_c, other_rad_));
     if (flipped_) std::swap(pose.fix, *pose.other);
@@ -318,6 +318,7 @@ class StartFromPictureTest : public PoseIntegratorTest {
   bool flipped_ = false;    // the other one is taken for the right one
   bool tell_other_ = true;  // it is said that there are two
   bool decided_ = true;
+  bool begins_ = true;  // the picture is within the limits of the image
   std::optional<Awaited> awaited_;
   LateOutcome outcome_ = LateOutcome::kUnknown;
 };
@@ -458,6 +459,27 @@ TEST_F(StartFromPictureTest, WitnessesMustAgree) {
     if (pose) expectRight(*pose);
   }
   EXPECT_GT(refused, options_.integrator.witnesses);
+}
+
+// It tells who has a pose already how wrong that may be, but not where to begin.
+TEST_F(StartFromPictureTest, NothingBeginsAtAPictureThatIsOutsideTheLimits) {
+  begins_ = false;
+  for (int i = 0; i < 40; ++i) EXPECT_FALSE(stepAwaited(true));
+  EXPECT_EQ(outcome_, LateOutcome::kOutside);
+  begins_ = true;
+  for (int i = 0; i < 40; ++i) (void)stepAwaited(true);
+  begins_ = false;
+  Transform moved;
+  moved.p = {0.3, 0.0, 0.0};
+  integrator_->moveWorld(moved);  // it is wrong by now
+  int refused = 0;
+  for (int i = 0; i < 60; ++i) {
+    outcome_ = LateOutcome::kUnknown;
+    (void)stepAwaited(true);
+    EXPECT_NE(outcome_, LateOutcome::kStarted) << i;
+    if (outcome_ == LateOutcome::kRefused) ++refused;
+  }
+  EXPECT_GT(refused, 2 * options_.integrator.witnesses);
 }
 
 TEST_F(StartFromPictureTest, AnOpenPoseIsOfUseToWhoKnowsBetterOnly) {

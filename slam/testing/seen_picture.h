@@ -61,6 +61,25 @@ inline cv::Mat poster(unsigned seed, int width = 480, int height = 360) {
   return image;
 }
 
+// A notice: a picture, and below it lines of made-up words, one much like the next.
+inline cv::Mat notice(unsigned seed, int width = 360, int height = 480) {
+  constexpr int kLine_px = 14;
+  std::mt19937 rng(seed);
+  cv::Mat image(height, width, CV_8U, cv::Scalar(215));
+  const cv::Rect top(20, 20, width - 40, 2 * height / 5);
+  poster(seed, top.width, top.height).copyTo(image(top));
+  for (int y = top.br().y + 2 * kLine_px; y + kLine_px < height; y += kLine_px) {
+    std::string words;
+    for (int i = 0; i < 38; ++i) {
+      words += rng() % 6 == 0 ? ' ' : static_cast<char>('a' + static_cast<int>(rng() % 26));
+    }
+    cv::putText(image, words, cv::Point(20, y), cv::FONT_HERSHEY_SIMPLEX, 0.4, cv::Scalar(40), 1,
+                cv::LINE_AA);
+  }
+  image.colRange(width - 20, width).setTo(215);
+  return image;
+}
+
 struct PictureScene {
   CameraModel camera;
   double blur_px = 0.6;  // Gaussian, on top of the pixel's own area

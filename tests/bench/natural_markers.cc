@@ -11,14 +11,15 @@
 #include <optional>
 #include <span>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include <CLI/CLI.hpp>
 #include <Eigen/Cholesky>
 #include <opencv2/core.hpp>
-#include <opencv2/imgcodecs.hpp>
 
 #include "base/clock.h"
+#include "simulator/album.h"
 #include "simulator/poster.h"
 #include "simulator/random.h"
 #include "simulator/renderer.h"
@@ -39,7 +40,9 @@ struct Arguments {
   std::uint64_t seed = 1;
   std::vector<std::string> kinds = {"sift", "brisk", "akaze", "orb"};
   std::vector<int> numbers = {1, 20, 100};  // of pictures known
-  std::vector<std::string> images;          // on the wall instead of made-up posters
+  std::string directory;                    // of photographs
+  // They hang on the wall instead of made-up posters, as far as they go.
+  std::vector<simulator::PosterImage> photographs;
   bool verbose = false;
 };
 
@@ -86,13 +89,12 @@ slam::Calibration lens(int width) {
   return c;
 }
 
+constexpr std::uint64_t kStrangeFrom = 50'000;  // numbers of posters that are not in the set
+
 simulator::PosterImage posterOf(const Arguments& arguments, std::uint64_t number) {
-  if (number < arguments.images.size()) {
-    const cv::Mat image = cv::imread(arguments.images[number], cv::IMREAD_GRAYSCALE);
-    if (!image.empty()) {
-      return {image.cols, image.rows, {image.datastart, image.dataend}};
-    }
-  }
+  const bool strange = number >= kStrangeFrom;
+  const std::uint64_t photograph = strange ? kKnown + (number - kStrangeFrom) / 3 : number;
+  if (photograph < arguments.photographs.size()) return arguments.photographs[photograph];
   return simulator::makePoster(arguments.seed * 100'000 + number);
 }
 
@@ -118,8 +120,9 @@ class Wall {
     for (int i = 0; i < kKnown + kStrange; ++i) {
       // Every third is strange.
       const bool strange = i % 3 == 2;
-      const int number = strange ? 50'000 + i : i - i / 3;
-      const simulator::PosterImage poster = posterOf(arguments, static_cast<std::uint64_t>(number));
+      const auto number = static_cast<std::uint64_t>(strange ? i : i - i / 3);
+      const simulator::PosterImage poster =
+          posterOf(arguments, strange ? kStrangeFrom + number : number);
       Transform T_w_p;
       T_w_p.p = {kApart_m * (i + 0.5), 0.15 * std::sin(2.0 * i), 0.002};
       scene.prints.push_back({std::make_shared<simulator::PrintedImage>(poster.view()), kWidth_m,
@@ -413,13 +416,21 @@ void compareNumbers(const Arguments& arguments, const Wall& wall) {
   }
 }
 
-tools::ExitCode run(const Arguments& arguments) {
+tools::ExitCode run(Arguments arguments) {
   for (const std::string& name : arguments.kinds) {
     if (kindOf(name)) continue;
     std::fprintf(stderr, "natural_markers: '%s' is no kind of features\n", name.c_str());
     return tools::kBadInput;
   }
   cv::setNumThreads(1);
+  if (!arguments.directory.empty()) {
+    auto album = simulator::Album::open(arguments.directory, arguments.seed, kKnown + kStrange);
+    if (!album) {
+      std::fprintf(stderr, "natural_markers: %s\n", album.error().message.c_str());
+      return tools::kBadInput;
+    }
+    for (int i = 0; i < kKnown + kStrange; ++i) arguments.photographs.push_back(album->next());
+  }
   const Wall wall(arguments, 640);
   const Wall small(arguments, 320);
   compareKinds(arguments, wall, small);
@@ -442,8 +453,9 @@ int main(int argc, char** argv) {
   app.add_option("--known", arguments.numbers, "How many pictures are known")
       ->delimiter(',')
       ->check(CLI::Range(1, 10'000));
-  app.add_option("--images", arguments.images, "Pictures to hang before made-up posters");
+  app.add_option("--photographs", arguments.directory,
+                 "Photographs of this folder hang instead of made-up posters");
   app.add_flag("--verbose", arguments.verbose, "Each wrong one, each large error");
   if (const auto exit_code = bench::parse(app, argc, argv)) return *exit_code;
-  return bench::run(arguments);
+  return bench::run(std::move(arguments));
 }

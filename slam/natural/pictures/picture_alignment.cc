@@ -7,14 +7,13 @@
 #include <utility>
 
 #include <Eigen/Cholesky>
-#include <Eigen/Eigenvalues>
 #include <Eigen/LU>
-#include <opencv2/core.hpp>
-#include <opencv2/imgproc.hpp>
 
 #include "slam/geometry/minimize_pose.h"
 #include "slam/geometry/reprojection.h"
+#include "slam/natural/pictures/block_matches.h"
 #include "slam/natural/pictures/photometric_fit.h"
+#include "slam/natural/pictures/picture_blur.h"
 #include "slam/option_checks.h"
 
 namespace waymark::slam {
@@ -35,52 +34,9 @@ struct State {
   Eigen::Matrix2d blur = Eigen::Matrix2d::Zero();  // covariance, pixels squared of full size
 };
 
-double largestSigma(const Eigen::Matrix2d& covariance) {
-  const double mean = 0.5 * covariance.trace();
-  const double root = std::sqrt(std::max(0.0, mean * mean - covariance.determinant()));
-  return std::sqrt(std::max(0.0, mean + root));
-}
-
-// Both widths within the limits, the directions kept.
-Eigen::Matrix2d limited(const Eigen::Matrix2d& covariance, double least_sigma, double most_sigma) {
-  Eigen::SelfAdjointEigenSolver<Eigen::Matrix2d> eigen;
-  eigen.computeDirect(covariance);
-  const Eigen::Vector2d widths =
-      eigen.eigenvalues().cwiseMax(least_sigma * least_sigma).cwiseMin(most_sigma * most_sigma);
-  return eigen.eigenvectors() * widths.asDiagonal() * eigen.eigenvectors().transpose();
-}
-
-// A Gaussian of that covariance, pixels squared, out to three sigma.
-cv::Mat blurKernel(const Eigen::Matrix2d& covariance) {
-  const int reach = std::max(1, static_cast<int>(std::ceil(3.0 * largestSigma(covariance))));
-  const Eigen::Matrix2d information = covariance.inverse();
-  cv::Mat kernel(2 * reach + 1, 2 * reach + 1, CV_32F);
-  for (int y = -reach; y <= reach; ++y) {
-    for (int x = -reach; x <= reach; ++x) {
-      const Eigen::Vector2d d(x, y);
-      kernel.at<float>(y + reach, x + reach) =
-          static_cast<float>(std::exp(-0.5 * d.dot(information * d)));
-    }
-  }
-  return kernel / cv::sum(kernel)[0];
-}
-
-// blur: pixels squared of the expected picture's level.
-std::vector<float> blurred(const ExpectedPicture& expected, const Eigen::Matrix2d& blur) {
-  constexpr double kNothing_px = 0.2;  // narrower than pixels can show
-  if (largestSigma(blur) < kNothing_px) return expected.grey;
-  const cv::Mat in(expected.height, expected.width, CV_32F,
-                   const_cast<float*>(expected.grey.data()));
-  std::vector<float> out(expected.grey.size());
-  cv::Mat result(expected.height, expected.width, CV_32F, out.data());
-  cv::filter2D(in, result, CV_32F, blurKernel(limited(blur, 0.5 * kNothing_px, 1e3)),
-               cv::Point(-1, -1), 0.0, cv::BORDER_REPLICATE);
-  return out;
-}
-
 // What lies beyond the print's edge is not known: pixels that the blur reaches from there are not
 // compared.
-double insideFor(const Eigen::Matrix2d& blur) { return 0.5 + 2.0 * largestSigma(blur); }
+double insideFor(const Eigen::Matrix2d& blur) { return 0.5 + 2.0 * widestBlur(blur); }
 
 Eigen::Matrix2d atLevel(const Eigen::Matrix2d& blur, int level) {
   return blur / static_cast<double>(1 << (2 * level));
@@ -94,13 +50,13 @@ std::optional<ExpectedPicture> expectAt(const Subject& subject, const State& sta
 
 PhotometricFit fitOf(const Subject& subject, const ExpectedPicture& expected, const State& state) {
   const Eigen::Matrix2d blur = atLevel(state.blur, expected.level);
-  return PhotometricFit(expected, blurred(expected, blur), insideFor(blur), state.T_c_p,
+  return PhotometricFit(expected, blurredPicture(expected, blur), insideFor(blur), state.T_c_p,
                         subject.rays->camera(), subject.image.level(expected.level));
 }
 
 // The expected image at the state's pose and blur.
 std::optional<PhotometricFit> fitAt(const Subject& subject, const State& state, int level) {
-  const auto expected = expectAt(subject, state, level, largestSigma(state.blur));
+  const auto expected = expectAt(subject, state, level, widestBlur(state.blur));
   if (!expected) return std::nullopt;
   PhotometricFit fit = fitOf(subject, *expected, state);
   if (static_cast<int>(fit.pixels().size()) < subject.options.min_pixels / 4) return std::nullopt;
@@ -212,7 +168,7 @@ void fitBlur(const Subject& subject, int level, State* state) {
     change << step[0], step[1], step[1], step[2];
     // A step holds for blurs that are not much wider than the one it was taken at.
     const double scale = std::min(1.0, 0.5 * best.blur.trace() / std::max(1e-9, change.norm()));
-    best.blur = limited(best.blur + scale * change, options.blurs_px.front(), most_px);
+    best.blur = limitedBlur(best.blur + scale * change, options.blurs_px.front(), most_px);
   }
   *state = best;
 }
@@ -377,6 +333,55 @@ void judge(const Subject& subject, PhotometricFit whole, int level, PictureAlign
   result->in_image = covered > 0.0 ? std::min(1.0, seen / covered) : 1.0;
 }
 
+// From a state near the end: the last fit, and what it is worth.
+std::optional<PictureAlignment> conclude(const Subject& subject, int level, State* state) {
+  const PictureAlignmentOptions& options = subject.options;
+  if (!alignLevel(subject, level, options.renders, options.block_correlation, state)) {
+    return std::nullopt;
+  }
+  // The last word: expected and seen at one and the same pose, no pixel moved.
+  auto whole = fitAt(subject, *state, level);
+  if (!whole) return std::nullopt;
+  PhotometricFit fit = *whole;
+  prepare(subject, options.block_correlation, &fit, state);
+  const double cutoff = cutoffFor(fit, options);
+  minimize(&fit, 2, cutoff, state);
+  const Sums sums = sumUp(fit, state->light, cutoff, options.block_px);
+  if (sums.seen == 0) return std::nullopt;
+  PictureAlignment result;
+  result.T_c_p = state->T_c_p;
+  result.noise = cutoff / options.outlier_sigmas;
+  result.blur_px = widestBlur(state->blur);
+  result.pixels = sums.seen;
+  whole->computeResiduals(state->T_c_p, state->light);
+  result.cut_square = meanCutSquare(*whole, cutoff);
+  if (!fillCovariance(subject, sums, level, &result)) return std::nullopt;
+  judge(subject, std::move(*whole), level, &result);
+  return result;
+}
+
+// The pose from which the blocks are where the image has them, in the same blur. Empty where too
+// few are anywhere.
+std::optional<State> rematched(const Subject& subject, int level, const State& state) {
+  constexpr double kKernel_px = 1.0;  // whole pixels, and the picture's perspective
+  const CameraModel& camera = subject.rays->camera();
+  const auto fit = fitAt(subject, state, level);
+  if (!fit) return std::nullopt;
+  const BlockMatchOptions options{.block_px = subject.options.block_px,
+                                  .reach_px = subject.options.rematch_reach_px,
+                                  .contrast = subject.options.block_contrast,
+                                  .correlation = subject.options.rematch_correlation};
+  const auto pose = poseFromBlocks(
+      state.T_c_p, matchBlocks(fit->pixels(), subject.image.level(level), level, camera, options),
+      camera.focalLength(), kKernel_px * (1 << level));
+  if (!pose) return std::nullopt;
+  State moved = state;
+  moved.T_c_p = *pose;
+  return moved;
+}
+
+double agreeingBlocks(const PictureAlignment& a) { return a.agreeing_share * a.textured_blocks; }
+
 }  // namespace
 
 std::string PictureAlignmentOptions::invalidReason() const {
@@ -397,6 +402,10 @@ std::string PictureAlignmentOptions::invalidReason() const {
       {isNotNegative(block_contrast), "a block's contrast must not be negative"},
       {isShare(block_correlation), "a block's correlation is from 0 to 1"},
       {isShare(hopeless_share), "the share of blocks without which there is no hope is 0 to 1"},
+      {isShare(rematch_share) && isShare(rematch_correlation),
+       "what makes an alignment look for its blocks is from 0 to 1"},
+      {rematch_reach_px >= 1 && rematch_reach_px <= 20,
+       "a block is looked for 1 to 20 pixels away"},
   });
 }
 
@@ -418,27 +427,13 @@ std::optional<PictureAlignment> alignPicture(const NaturalMarker& marker, const 
   }
   if (isHopeless(subject, state, levels->finest)) return std::nullopt;
   fitBlur(subject, levels->finest, &state);
-  if (!alignLevel(subject, levels->finest, options.renders, visible, &state)) return std::nullopt;
-
-  // The last word: expected and seen at one and the same pose, no pixel moved.
-  auto whole = fitAt(subject, state, levels->finest);
-  if (!whole) return std::nullopt;
-  PhotometricFit fit = *whole;
-  prepare(subject, visible, &fit, &state);
-  const double cutoff = cutoffFor(fit, options);
-  minimize(&fit, 2, cutoff, &state);
-  const Sums sums = sumUp(fit, state.light, cutoff, options.block_px);
-  if (sums.seen == 0) return std::nullopt;
-  PictureAlignment result;
-  result.T_c_p = state.T_c_p;
-  result.noise = cutoff / options.outlier_sigmas;
-  result.blur_px = largestSigma(state.blur);
-  result.pixels = sums.seen;
-  whole->computeResiduals(state.T_c_p, state.light);
-  result.cut_square = meanCutSquare(*whole, cutoff);
-  if (!fillCovariance(subject, sums, levels->finest, &result)) return std::nullopt;
-  judge(subject, std::move(*whole), levels->finest, &result);
-  return result;
+  const auto result = conclude(subject, levels->finest, &state);
+  if (!result || result->agreeing_share >= options.rematch_share) return result;
+  // Part of it is hidden, or the fit is held by half of it in a wrong place.
+  auto moved = rematched(subject, levels->finest, state);
+  if (!moved) return result;
+  const auto again = conclude(subject, levels->finest, &*moved);
+  return again && agreeingBlocks(*again) > agreeingBlocks(*result) ? again : result;
 }
 
 double evidenceAgainst(const PictureAlignment& rival, const PictureAlignment& best,

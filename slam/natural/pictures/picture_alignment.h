@@ -48,6 +48,12 @@ struct PictureAlignmentOptions {
   double block_correlation = 0.6;
   // With a smaller share of agreeing blocks after the first fit, given up.
   double hopeless_share = 0.15;
+  // With a smaller one at the end, the blocks are looked for in the image, so many pixels of the
+  // level each way, and where they correlate by so much the picture is fitted from there: lines of
+  // text look alike, and a fit may slip by one of them.
+  double rematch_share = 0.95;
+  int rematch_reach_px = 6;
+  double rematch_correlation = 0.8;
 
   // Empty when usable, else what is wrong.
   [[nodiscard]] std::string invalidReason() const;

@@ -131,6 +131,39 @@ TEST_F(PictureAlignmentTest, MotionBlurIsFitted) {
   EXPECT_LT(cornerError_px(found->T_c_p, truth), 0.15);
 }
 
+// The start has the picture in a notice's upper half where it is, and turned so that the lines of
+// text below are each taken for another.
+TEST(PictureAlignmentOfText, AFitThatSlippedByALineIsMended) {
+  constexpr double kNotice_m = 0.21;
+  const cv::Mat print = testing::notice(3);
+  const NaturalMarker marker =
+      NaturalMarker::create(testing::viewOf(print), kNotice_m, 0.0).value();
+  const testing::PictureScene scene{.camera = CameraModel(testing::testCalibration())};
+  PixelRays rays(scene.camera);
+  const Transform truth = testing::pictureAt(0.7, 0.3, 1.0, 0.1);
+  const cv::Mat image = testing::seenPicture(scene, print, kNotice_m, marker.height_m(), truth, 1);
+  const GreyPyramid pyramid(testing::viewOf(image), 40);
+  PictureAlignmentOptions as_fitted;
+  as_fitted.rematch_share = 0.0;
+  const Eigen::Vector3d stays(0.0, 0.3 * marker.height_m(), 0.0);
+  int slipped = 0;
+  for (const double turn_rad : {-0.5, -0.4, -0.3}) {
+    for (const double roll_rad : {-0.05, 0.0}) {
+      Transform turned;
+      turned.R = expSo3({turn_rad, 0.25, roll_rad});
+      turned.p = stays - turned.R * stays;
+      const Transform start = truth * turned;
+      const auto fitted = alignPicture(marker, pyramid, start, &rays, as_fitted);
+      if (fitted && (fitted->T_c_p.p - truth.p).norm() > 0.001) ++slipped;
+      const auto mended = alignPicture(marker, pyramid, start, &rays);
+      if (!mended) continue;
+      EXPECT_LT((mended->T_c_p.p - truth.p).norm(), 0.0005) << turn_rad << ' ' << roll_rad;
+      EXPECT_GT(mended->agreeing_share, 0.95) << turn_rad << ' ' << roll_rad;
+    }
+  }
+  EXPECT_GE(slipped, 3);
+}
+
 TEST_F(PictureAlignmentTest, AnotherPictureDoesNotAgree) {
   const Transform truth = testing::pictureAt(0.7, 0.4, 2.0, 0.1);
   const cv::Mat image =

@@ -1,0 +1,107 @@
+#include "slam/natural/pictures/block_matches.h"
+
+#include <cmath>
+#include <map>
+#include <utility>
+
+#include "slam/geometry/minimize_pose.h"
+#include "slam/geometry/reprojection.h"
+#include "slam/geometry/robust.h"
+
+namespace waymark::slam {
+namespace {
+
+// The pixels of a block.
+using Block = std::vector<const PhotometricPixel*>;
+
+std::map<std::pair<int, int>, Block> blocksOf(const std::vector<PhotometricPixel>& pixels,
+                                              int block_px) {
+  std::map<std::pair<int, int>, Block> blocks;
+  for (const PhotometricPixel& pixel : pixels) {
+    blocks[{pixel.row / block_px, pixel.column / block_px}].push_back(&pixel);
+  }
+  return blocks;
+}
+
+// Expected against seen, moved by (dx, dy) pixels. Empty where a part is beyond the image.
+PixelBlock movedBy(const Block& block, const GreyLevels& image, int dx, int dy) {
+  PixelBlock sums;
+  for (const PhotometricPixel* pixel : block) {
+    const int x = pixel->column + dx;
+    const int y = pixel->row + dy;
+    if (x < 0 || y < 0 || x >= image.width || y >= image.height) return {};
+    sums.add(pixel->expected, static_cast<double>(image.row(y)[x]));
+  }
+  return sums;
+}
+
+std::optional<Eigen::Vector2i> bestMove(const Block& block, const GreyLevels& image,
+                                        const BlockMatchOptions& options) {
+  std::optional<Eigen::Vector2i> best;
+  double most = options.correlation;
+  for (int dy = -options.reach_px; dy <= options.reach_px; ++dy) {
+    for (int dx = -options.reach_px; dx <= options.reach_px; ++dx) {
+      const double correlation = movedBy(block, image, dx, dy).correlation();
+      if (correlation <= most) continue;
+      most = correlation;
+      best = Eigen::Vector2i(dx, dy);
+    }
+  }
+  return best;
+}
+
+}  // namespace
+
+std::vector<BlockMatch> matchBlocks(const std::vector<PhotometricPixel>& pixels,
+                                    const GreyLevels& image, int level, const CameraModel& camera,
+                                    const BlockMatchOptions& options) {
+  constexpr std::size_t kLeastPixels = 16;
+  std::vector<BlockMatch> matches;
+  for (const auto& [place, block] : blocksOf(pixels, options.block_px)) {
+    if (block.size() < kLeastPixels) continue;
+    if (movedBy(block, image, 0, 0).contrast() < options.contrast) continue;
+    const auto move = bestMove(block, image, options);
+    if (!move) continue;
+    Eigen::Vector3d on_print = Eigen::Vector3d::Zero();
+    Eigen::Vector2d at = Eigen::Vector2d::Zero();
+    for (const PhotometricPixel* pixel : block) {
+      on_print += pixel->on_print;
+      at += Eigen::Vector2d(pixel->column, pixel->row);
+    }
+    const auto count = static_cast<double>(block.size());
+    at = at / count + move->cast<double>();
+    const double scale = 1 << level;
+    const auto normalized =
+        camera.undistort(scale * (at.array() + 0.5).matrix() - Eigen::Vector2d::Constant(0.5));
+    if (normalized) matches.push_back({on_print / count, *normalized});
+  }
+  return matches;
+}
+
+std::optional<Transform> poseFromBlocks(const Transform& start,
+                                        const std::vector<BlockMatch>& matches, double focal_px,
+                                        double kernel_px) {
+  constexpr int kIterations = 15;
+  constexpr std::size_t kLeast = 8;
+  if (matches.size() < kLeast) return std::nullopt;
+  const Transform camera;  // the identity: the "world" here is the camera
+  const auto pose =
+      minimizePose(start, kIterations, [&](const Transform& T_c_p, PoseNormal* normal) {
+        for (const BlockMatch& match : matches) {
+          const Eigen::Vector3d p = T_c_p * match.on_print;
+          Projection projection;
+          if (!projectPoint(camera, p, &projection)) return false;
+          const Eigen::Vector2d r = focal_px * (projection.normalized - match.normalized);
+          const Matrix26d J = focal_px * markerJacobian(T_c_p, p, projection.J_point);
+          const double weight = huberWeight(r.squaredNorm(), kernel_px);
+          normal->cost += huberCost(r.squaredNorm(), kernel_px);
+          normal->H += weight * J.transpose() * J;
+          normal->g += weight * J.transpose() * r;
+        }
+        return true;
+      });
+  if (!pose) return std::nullopt;
+  return pose->T;
+}
+
+}  // namespace waymark::slam
