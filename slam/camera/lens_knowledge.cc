@@ -1,5 +1,7 @@
 #include "slam/camera/lens_knowledge.h"
 
+#include <numbers>
+
 #include "slam/option_checks.h"
 
 namespace waymark::slam {
@@ -7,9 +9,11 @@ namespace waymark::slam {
 IntrinsicVector LensPrior::sigmas(const CameraModel& expected) const {
   const Calibration& c = expected.calibration();
   const double centre_px = centre_share * c.width;
+  // Where pixels are known to be squares, fx and fy speak of one length: each by itself says half.
+  const double focal = aspect_share > 0.0 ? std::numbers::sqrt2 * focal_share : focal_share;
   IntrinsicVector sigmas;
-  sigmas << focal_share * c.fx, focal_share * c.fy, centre_px, centre_px, radial, higher_radial,
-      tangential, tangential, higher_radial;
+  sigmas << focal * c.fx, focal * c.fy, centre_px, centre_px, radial, higher_radial, tangential,
+      tangential, higher_radial;
   if (c.model == DistortionModel::kEquidistant) {
     // Of a polynomial in the angle, which is more than 1 in a wide image's corners, the highest
     // terms could fold the image there, where markers seldom are; lenses have little of them.

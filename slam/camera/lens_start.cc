@@ -23,6 +23,18 @@ CameraModel withFocal(const CameraModel& camera, double share, DistortionModel m
   return CameraModel(c);
 }
 
+// What is known of a lens that no marker has been seen through: of the focal length, and of the
+// ratio of fx and fy.
+IntrinsicMatrix priorCovariance(const LensPrior& prior, const CameraModel& expected) {
+  const double focal_px = expected.focalLength();
+  const double focal = std::pow(prior.focal_share * focal_px, 2);
+  const double ratio = std::pow(prior.aspect_share * focal_px, 2);
+  IntrinsicMatrix covariance = prior.sigmas(expected).cwiseAbs2().asDiagonal();
+  covariance.topLeftCorner<2, 2>() << focal + 0.25 * ratio, focal - 0.25 * ratio,
+      focal - 0.25 * ratio, focal + 0.25 * ratio;
+  return covariance;
+}
+
 }  // namespace
 
 std::string LensStartOptions::invalidReason() const {
@@ -57,7 +69,7 @@ std::optional<StartingLens> LensStart::process(std::span<const MarkerDetection> 
   const std::optional<StartingLens> best = bestLens();
   if (!best) {
     if (frames_ < 2 * options_.frames) return std::nullopt;
-    return StartingLens{guess_, prior_.sigmas(guess_).cwiseAbs2().asDiagonal()};
+    return StartingLens{guess_, priorCovariance(prior_, guess_)};
   }
   const bool enough = best->focalShare() <= options_.enough_share;
   return enough || frames_ >= options_.frames ? best : std::nullopt;
