@@ -292,9 +292,8 @@ class Piece::Impl {
     const PoseGlobalMatrix in_view = poseByCamera(
         frame.solution, frame.eligible, camera_uncertainty_, frame.twist, frame.time.monotonic_ns);
     const PoseGlobalMatrix in_world = in_view + covariance_.sharedByCamera(frame.solution.T_w_c.p);
-    const GlobalMatrix& parameters = camera_uncertainty_.covariance;
-    pose->covariance += in_world * parameters * in_world.transpose();
-    pose->view_covariance += in_view * parameters * in_view.transpose();
+    pose->covariance += covarianceByCamera(camera_uncertainty_, in_world);
+    pose->view_covariance += covarianceByCamera(camera_uncertainty_, in_view);
   }
 
   std::optional<TrackedFrame> trackMarkers(std::span<const MarkerDetection> usable,
@@ -334,7 +333,7 @@ class Piece::Impl {
     result->pose = features_.bridge(frame, deskewed_, map_, observer);
     if (!result->pose) return;
     const PoseGlobalMatrix by_camera = covariance_.sharedByCamera(result->pose->T_w_c.p);
-    result->pose->covariance += by_camera * camera_uncertainty_.covariance * by_camera.transpose();
+    result->pose->covariance += covarianceByCamera(camera_uncertainty_, by_camera);
     result->state = TrackingState::kBridging;
     result->reason = NoPoseReason::kNone;
     tracker_.commit(*result->pose, frame.time.monotonic_ns);

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <limits>
+#include <utility>
 
 #include "slam/camera/undistort_map.h"
 #include "slam/optimization/map_optimizer.h"
@@ -58,18 +59,33 @@ std::optional<Transform> LensEstimator::collect(const RollingShutterEstimator& s
     contradicted_ = found && lensChange(*found, *camera_) > options_.min_chi2;
     if (!found || !believes(*found, *map)) return std::nullopt;
     contradicted_ = false;
-    auto T_new_old = adopt(*found, shutter.seconds(), map);
-    if (!found->of_whole_map) {
-      whole_.emplace([&](Budget* budget) {
-        return optimizeSubproblem(*map, wholeMap(*map), markers_, optimization, budget);
-      });
-    }
-    return T_new_old;
+    if (found->of_whole_map) return adopt(*found, shutter.seconds(), map);
+    beginWhole(*found, shutter.seconds(), optimization, *map);
+    return std::nullopt;
   }
   if (!isDone()) return std::nullopt;
   const MapCorrection correction = whole_->take();
   whole_.reset();
-  return applyWhole(correction, map);
+  const Coming coming = std::move(*coming_);
+  coming_.reset();
+  if (coming.epoch != map->epoch() || coming.readout_s != shutter.seconds()) {
+    next_keyframes_ = static_cast<int>(map->keyframes().size());  // of a world that is no more
+    return std::nullopt;
+  }
+  const auto by_estimate = adopt(coming.estimate, coming.readout_s, map);
+  const auto by_whole = applyWhole(correction, map);
+  if (!by_whole) return by_estimate;
+  return by_estimate ? *by_whole * *by_estimate : *by_whole;
+}
+
+void LensEstimator::beginWhole(const LensEstimate& estimate, double readout_s,
+                               const BundleOptions& optimization, const Map& map) {
+  coming_ = Coming{estimate, readout_s, map.epoch(), map};
+  (void)seeThrough(estimate, readout_s, knowledge_->since_ns, &coming_->map);
+  const Map& seen = coming_->map;
+  whole_.emplace([&](Budget* budget) {
+    return optimizeSubproblem(seen, wholeMap(seen), markers_, optimization, budget);
+  });
 }
 
 bool LensEstimator::estimateNow(const RollingShutterEstimator& shutter,
@@ -101,14 +117,19 @@ bool LensEstimator::believes(const LensEstimate& estimate, const Map& map) const
   return coversImage(estimate.camera) >= coversImage(*camera_) && seesAllOf(estimate.camera, map);
 }
 
+std::optional<Transform> LensEstimator::seeThrough(const LensEstimate& estimate, double readout_s,
+                                                   std::int64_t since_ns, Map* map) {
+  auto T_new_old = applyAround(estimate.correction.keyframes.back().id, estimate.correction, map);
+  undistortAgain(estimate.camera, readout_s, map, since_ns);
+  return T_new_old;
+}
+
 std::optional<Transform> LensEstimator::adopt(const LensEstimate& estimate, double readout_s,
                                               Map* map) {
-  auto T_new_old = applyAround(estimate.correction.keyframes.back().id, estimate.correction, map);
   *camera_ = estimate.camera;
   knowledge_->adopt(estimate.camera, estimate.covariance, estimate.rms_before_px,
                     estimate.rms_after_px, options_.learned_focal_share);
-  undistortAgain(*camera_, readout_s, map, knowledge_->since_ns);
-  return T_new_old;
+  return seeThrough(estimate, readout_s, knowledge_->since_ns, map);
 }
 
 }  // namespace waymark::slam

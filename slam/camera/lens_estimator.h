@@ -2,6 +2,7 @@
 // intrinsics at the end only (Eq. 41): a lens that is 1 % off bends the map while it grows.
 #pragma once
 
+#include <cstdint>
 #include <optional>
 
 #include "base/task.h"
@@ -28,12 +29,13 @@ class LensEstimator {
         next_keyframes_(options.first_keyframes) {}
 
   // A slice of what is under way: an estimate, begun when the map has grown enough since the last
-  // one; or, where that was believed and was of a part of the map, an optimization of all of it.
+  // one; or, where that was believed and was of a part of the map, an optimization of all of it, in
+  // a copy: until that is done, lens and map stay as they are, which belong together.
   void work(double cost, const RollingShutterEstimator& shutter, const Map& map,
             const BundleOptions& optimization);
   // Puts what is done into the map. A lens that is believed is in use from here on, and all
-  // keyframes' corners follow. What that did to the newest keyframe taken part: T_new_old; empty
-  // when nothing has changed.
+  // keyframes' corners and poses follow. What that did to the newest keyframe taken part:
+  // T_new_old; empty when nothing has changed.
   std::optional<Transform> collect(const RollingShutterEstimator& shutter,
                                    const BundleOptions& optimization, Map* map);
   [[nodiscard]] bool isDone() const {
@@ -44,7 +46,7 @@ class LensEstimator {
   // The beginning of a map contradicts the lens in use, or another one was learned that is not
   // known well yet: what does not fit may be the lens.
   [[nodiscard]] bool inDoubt(const Map& map) const {
-    return (contradicted_ && isUrgent(map)) || knowledge_->state == LensState::kLearning;
+    return (contradicted_ && isUrgent(map)) || knowledge_->state == LensState::kLearning || coming_;
   }
   // Nothing is under way or due.
   [[nodiscard]] bool idle(const Map& map) const { return !estimate_ && !whole_ && !isDue(map); }
@@ -59,7 +61,12 @@ class LensEstimator {
   }
   [[nodiscard]] LensProblem problemOf(const RollingShutterEstimator& shutter) const;
   [[nodiscard]] bool believes(const LensEstimate& estimate, const Map& map) const;
+  // Poses and corners of the map are as the estimate says.
+  static std::optional<Transform> seeThrough(const LensEstimate& estimate, double readout_s,
+                                             std::int64_t since_ns, Map* map);
   std::optional<Transform> adopt(const LensEstimate& estimate, double readout_s, Map* map);
+  void beginWhole(const LensEstimate& estimate, double readout_s, const BundleOptions& optimization,
+                  const Map& map);
 
   LensOptions options_;
   MarkerOptions markers_;
@@ -68,6 +75,14 @@ class LensEstimator {
   bool contradicted_ = false;  // by the last estimate
   int next_keyframes_;         // it is estimated again when the map has so many
   std::optional<SlicedTask<std::optional<LensEstimate>>> estimate_;
+  // A lens that is believed, of a part of the map; and all of the map as seen through it.
+  struct Coming {
+    LensEstimate estimate;
+    double readout_s = 0.0;
+    std::uint64_t epoch = 0;  // of the map that it was estimated from
+    Map map;
+  };
+  std::optional<Coming> coming_;  // outlives whole_, which reads it
   std::optional<SlicedTask<MapCorrection>> whole_;
 };
 

@@ -78,6 +78,60 @@ TEST_F(LensEstimatorTest, LearnsAWrongLensOverSlices) {
   EXPECT_TRUE(estimator.idle(map_)) << "until the map has grown";
 }
 
+// Estimated from a part of a map: lens and map go on as they are, which belong together, until all
+// of the map has been optimized through it.
+TEST_F(LensEstimatorTest, LensAndMapChangeTogether) {
+  see(shifted(truth_, -0.02, -0.05, 8.0));
+  LensOptions options;
+  options.max_keyframes = 8;
+  LensEstimator estimator = this->estimator(options);
+  const CameraModel before = camera_;
+  const Map map_before = map_;
+  (void)workUntilDone(kUnlimited, &estimator);
+  EXPECT_FALSE(estimator.collect(shutter_, kBundle, &map_)) << "of a part of the map";
+  EXPECT_EQ(camera_.calibration(), before.calibration());
+  EXPECT_EQ(map_.epoch(), map_before.epoch());
+  EXPECT_TRUE(estimator.inDoubt(map_));
+  EXPECT_FALSE(estimator.idle(map_));
+  (void)workUntilDone(kUnlimited, &estimator);
+  ASSERT_TRUE(estimator.collect(shutter_, kBundle, &map_));
+  EXPECT_LT(std::abs(focalError()), 0.002);
+  EXPECT_FALSE(estimator.inDoubt(map_));
+  // Every view fits at once.
+  for (const auto& [id, keyframe] : map_.keyframes()) {
+    for (const MarkerDetection& seen : keyframe.detections) {
+      const Transform T_c_m = keyframe.T_w_c.inverse() * *map_.findPosed(seen.id)->T_w_m;
+      const auto corners = markerCorners(testing::kLensSceneSize);
+      for (std::size_t k = 0; k < corners.size(); ++k) {
+        const auto expected = camera_.project(T_c_m * corners[k]);
+        ASSERT_TRUE(expected);
+        EXPECT_LT((*expected - seen.pixels[k]).norm(), 6.0 * kSigma_px) << id << ' ' << seen.id;
+      }
+    }
+  }
+}
+
+// Another world by then, say after a loop: nothing is put into it, and the lens is asked for again.
+TEST_F(LensEstimatorTest, ALensOfAWorldThatIsNoMoreIsEstimatedAgain) {
+  see(shifted(truth_, -0.02, -0.05, 8.0));
+  LensOptions options;
+  options.max_keyframes = 8;
+  LensEstimator estimator = this->estimator(options);
+  (void)workUntilDone(kUnlimited, &estimator);
+  EXPECT_FALSE(estimator.collect(shutter_, kBundle, &map_));
+  map_.beginEpoch();
+  const CameraModel before = camera_;
+  (void)workUntilDone(kUnlimited, &estimator);
+  EXPECT_FALSE(estimator.collect(shutter_, kBundle, &map_));
+  EXPECT_EQ(camera_.calibration(), before.calibration());
+  EXPECT_FALSE(estimator.idle(map_));
+  (void)workUntilDone(kUnlimited, &estimator);
+  (void)estimator.collect(shutter_, kBundle, &map_);
+  (void)workUntilDone(kUnlimited, &estimator);
+  EXPECT_TRUE(estimator.collect(shutter_, kBundle, &map_));
+  EXPECT_LT(std::abs(focalError()), 0.002);
+}
+
 // What the first views have told is not kept because the later ones do not contradict it.
 TEST_F(LensEstimatorTest, ALensThatIsBetterKnownReplacesTheOneBefore) {
   see(shifted(truth_, -0.02, -0.05, 8.0));

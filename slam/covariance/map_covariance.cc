@@ -3,6 +3,7 @@
 #include <utility>
 
 #include "slam/covariance/marginal_recovery.h"
+#include "slam/covariance/pose_by_camera.h"
 #include "slam/option_checks.h"
 
 namespace waymark::slam {
@@ -72,7 +73,7 @@ void MapCovariance::adopt(MapMarginals marginals, Map* map) {
     if (marker == nullptr) continue;
     Matrix6d told = covariance + repeatedOf(*map, *marker);
     if (const PoseGlobalMatrix* const by_camera = marginals.byCamera(id)) {
-      told += *by_camera * camera_.covariance * by_camera->transpose();
+      told += covarianceByCamera(camera_, *by_camera);
     }
     map->setWorldCovariance(id, told);
   }
@@ -101,14 +102,12 @@ void MapCovariance::introduce(int marker, const Transform& T_w_c, const Matrix6d
 
 Matrix6d MapCovariance::inWorld(const PoseSolution& solution, std::span<const KnownMarker> markers,
                                 const PoseGlobalMatrix& in_view) const {
-  const auto ofCamera = [&](const PoseGlobalMatrix& by_camera) {
-    return Matrix6d(by_camera * camera_.covariance * by_camera.transpose());
-  };
   const auto in_world =
       options_.enabled ? worldCovariance(solution, markers, marginals_, doubt_) : std::nullopt;
-  if (!in_world) return solution.covariance + ofCamera(in_view);
+  if (!in_world) return solution.covariance + covarianceByCamera(camera_, in_view);
   const PlaceDoubt& doubt = in_world->doubt ? *in_world->doubt : doubt_;
-  return in_world->covariance + ofCamera(in_view + doubt.at(solution.T_w_c.p).by_camera);
+  const PoseGlobalMatrix in_map = doubt.at(solution.T_w_c.p).by_camera;
+  return in_world->covariance + covarianceByCamera(camera_, in_view + in_map);
 }
 
 Matrix6d MapCovariance::sharedAt(const Eigen::Vector3d& p_w) const {

@@ -33,4 +33,17 @@ PoseGlobalMatrix poseByCamera(const PoseSolution& solution, std::span<const Know
   return llt.solve(B);
 }
 
+Matrix6d covarianceByCamera(const CameraUncertainty& camera, const PoseGlobalMatrix& by_camera) {
+  Matrix6d covariance = by_camera * camera.covariance * by_camera.transpose();
+  const double focal_variance = camera.covariance(0, 0);
+  if (focal_variance == 0.0) return covariance;
+  const double focal_px = camera.camera->calibration().fx;
+  const double share = focal_variance / (focal_px * focal_px);
+  for (const Eigen::Index part : {0, 3}) {
+    auto block = covariance.block<3, 3>(part, part);
+    block.diagonal().array() += share * block.trace() / 3.0;
+  }
+  return covariance;
+}
+
 }  // namespace waymark::slam

@@ -20,4 +20,10 @@ namespace waymark::slam {
                                             const CameraUncertainty& camera, const Twist& twist,
                                             std::int64_t time_ns);
 
+// Of a pose that moves like this with the parameters. What is not linear of it is a share of that,
+// as large as the focal length's own doubt is, in any direction: of a lens whose focal length is
+// known to a third, no pose is known exactly across the one way that a first order sees.
+[[nodiscard]] Matrix6d covarianceByCamera(const CameraUncertainty& camera,
+                                          const PoseGlobalMatrix& by_camera);
+
 }  // namespace waymark::slam

@@ -93,6 +93,27 @@ TEST_F(PoseByCameraTest, OfTheReadoutTime) {
   EXPECT_LT((kLonger_s * by_camera.col(9) - shift).norm(), 0.03 * shift.norm());
 }
 
+// A first order sees one way that all poses of a focal length lie on; at a tenth of it they are a
+// tenth of that way beside it, at a thousandth nowhere else.
+TEST_F(PoseByCameraTest, BesideTheFirstOrderIsWhatIsNotLinear) {
+  PoseGlobalMatrix by_camera = PoseGlobalMatrix::Zero();
+  by_camera.col(0) << 0.3, 0.0, 0.0, 0.0, 0.1, 0.0;
+  const double fx = truth_.calibration().fx;
+  for (const double share : {0.001, 0.1, 0.5}) {
+    uncertain_.covariance(0, 0) = share * share * fx * fx;
+    const Matrix6d covariance = covarianceByCamera(uncertain_, by_camera);
+    const double along = 0.3 * share * fx;
+    EXPECT_NEAR(std::sqrt(covariance(1, 1)), share * along / std::sqrt(3.0), 1e-9 * along);
+    EXPECT_NEAR(covariance(1, 1), covariance(2, 2), 1e-12 * along);
+    EXPECT_NEAR(std::sqrt(covariance(0, 0)), along * std::sqrt(1.0 + share * share / 3.0),
+                1e-9 * along);
+    EXPECT_NEAR(std::sqrt(covariance(3, 3)), share * 0.1 * share * fx / std::sqrt(3.0),
+                1e-9 * along);
+  }
+  uncertain_.covariance.setZero();
+  EXPECT_TRUE(covarianceByCamera(uncertain_, by_camera).isZero(0.0));
+}
+
 TEST_F(PoseByCameraTest, AKnownCameraMovesNothing) {
   const PoseSolution straight = solved(truth_);
   EXPECT_TRUE(poseByCamera(straight, known_, uncertain_, Twist::Ones(), 0).isZero(0.0));
