@@ -1,12 +1,8 @@
 #include "slam/natural/pictures/block_matches.h"
 
-#include <cmath>
 #include <map>
+#include <optional>
 #include <utility>
-
-#include "slam/geometry/minimize_pose.h"
-#include "slam/geometry/reprojection.h"
-#include "slam/geometry/robust.h"
 
 namespace waymark::slam {
 namespace {
@@ -52,11 +48,11 @@ std::optional<Eigen::Vector2i> bestMove(const Block& block, const GreyLevels& im
 
 }  // namespace
 
-std::vector<BlockMatch> matchBlocks(const std::vector<PhotometricPixel>& pixels,
+std::vector<PrintPoint> matchBlocks(const std::vector<PhotometricPixel>& pixels,
                                     const GreyLevels& image, int level, const CameraModel& camera,
                                     const BlockMatchOptions& options) {
   constexpr std::size_t kLeastPixels = 16;
-  std::vector<BlockMatch> matches;
+  std::vector<PrintPoint> matches;
   for (const auto& [place, block] : blocksOf(pixels, options.block_px)) {
     if (block.size() < kLeastPixels) continue;
     if (movedBy(block, image, 0, 0).contrast() < options.contrast) continue;
@@ -76,32 +72,6 @@ std::vector<BlockMatch> matchBlocks(const std::vector<PhotometricPixel>& pixels,
     if (normalized) matches.push_back({on_print / count, *normalized});
   }
   return matches;
-}
-
-std::optional<Transform> poseFromBlocks(const Transform& start,
-                                        const std::vector<BlockMatch>& matches, double focal_px,
-                                        double kernel_px) {
-  constexpr int kIterations = 15;
-  constexpr std::size_t kLeast = 8;
-  if (matches.size() < kLeast) return std::nullopt;
-  const Transform camera;  // the identity: the "world" here is the camera
-  const auto pose =
-      minimizePose(start, kIterations, [&](const Transform& T_c_p, PoseNormal* normal) {
-        for (const BlockMatch& match : matches) {
-          const Eigen::Vector3d p = T_c_p * match.on_print;
-          Projection projection;
-          if (!projectPoint(camera, p, &projection)) return false;
-          const Eigen::Vector2d r = focal_px * (projection.normalized - match.normalized);
-          const Matrix26d J = focal_px * markerJacobian(T_c_p, p, projection.J_point);
-          const double weight = huberWeight(r.squaredNorm(), kernel_px);
-          normal->cost += huberCost(r.squaredNorm(), kernel_px);
-          normal->H += weight * J.transpose() * J;
-          normal->g += weight * J.transpose() * r;
-        }
-        return true;
-      });
-  if (!pose) return std::nullopt;
-  return pose->T;
 }
 
 }  // namespace waymark::slam

@@ -3,22 +3,14 @@
 // taken to be (a line of text too low) looks like most of them, some pixels away.
 #pragma once
 
-#include <optional>
 #include <vector>
 
-#include <Eigen/Core>
-
 #include "slam/geometry/camera_model.h"
-#include "slam/geometry/transform.h"
 #include "slam/natural/pictures/grey_pyramid.h"
 #include "slam/natural/pictures/photometric_fit.h"
+#include "slam/natural/pictures/picture_pose.h"
 
 namespace waymark::slam {
-
-struct BlockMatch {
-  Eigen::Vector3d on_print;    // the block's centre, metres, z = 0
-  Eigen::Vector2d normalized;  // where it is, undistorted
-};
 
 struct BlockMatchOptions {
   int block_px = 8;          // a side, pixels of the level
@@ -27,15 +19,11 @@ struct BlockMatchOptions {
   double correlation = 0.8;  // of expected and seen, at least
 };
 
-// level: of the image that the pixels are of. Blocks with texture that are nowhere are left out.
-[[nodiscard]] std::vector<BlockMatch> matchBlocks(const std::vector<PhotometricPixel>& pixels,
+// The centres of the blocks that were found. level: of the image that the pixels are of. Left out:
+// those without texture, and those that are nowhere.
+[[nodiscard]] std::vector<PrintPoint> matchBlocks(const std::vector<PhotometricPixel>& pixels,
                                                   const GreyLevels& image, int level,
                                                   const CameraModel& camera,
                                                   const BlockMatchOptions& options = {});
-
-// The pose from which most of them are where they were found. Empty with too few.
-[[nodiscard]] std::optional<Transform> poseFromBlocks(const Transform& start,
-                                                      const std::vector<BlockMatch>& matches,
-                                                      double focal_px, double kernel_px);
 
 }  // namespace waymark::slam

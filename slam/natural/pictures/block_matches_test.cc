@@ -1,5 +1,9 @@
 #include "slam/natural/pictures/block_matches.h"
 
+#include <algorithm>
+#include <cmath>
+#include <vector>
+
 #include <gtest/gtest.h>
 #include <opencv2/imgproc.hpp>
 
@@ -17,14 +21,14 @@ class BlockMatchesTest : public ::testing::Test {
     return testing::seenPicture(scene_, print_, kWidth_m, marker_.height_m(), T_c_p, 1);
   }
   // Of the picture, expected at T_c_p.
-  [[nodiscard]] std::vector<BlockMatch> match(const cv::Mat& image, const Transform& T_c_p) {
+  [[nodiscard]] std::vector<PrintPoint> match(const cv::Mat& image, const Transform& T_c_p) {
     const GreyPyramid pyramid(testing::viewOf(image), 40);
     const auto expected = expectPicture(marker_, T_c_p, 0, 2, &rays_);
     const PhotometricFit fit(*expected, expected->grey, 1.0, T_c_p, scene_.camera,
                              pyramid.level(0));
     return matchBlocks(fit.pixels(), pyramid.level(0), 0, scene_.camera);
   }
-  [[nodiscard]] double offBy_px(const BlockMatch& match, const Transform& T_c_p) const {
+  [[nodiscard]] double offBy_px(const PrintPoint& match, const Transform& T_c_p) const {
     const Eigen::Vector2d there = (T_c_p * match.on_print).hnormalized();
     return scene_.camera.focalLength() * (match.normalized - there).norm();
   }
@@ -41,16 +45,16 @@ TEST_F(BlockMatchesTest, FindWhereThePictureReallyIs) {
   Vector6d off;
   off << 0.004, -0.003, 0.0, 0.0, 0.0, 0.01;  // some four pixels
   const Transform start = truth_.retract(off);
-  const std::vector<BlockMatch> matches = match(image, start);
+  const std::vector<PrintPoint> matches = match(image, start);
   ASSERT_GT(matches.size(), 100U);
   std::vector<double> errors;
-  for (const BlockMatch& one : matches) errors.push_back(offBy_px(one, truth_));
+  for (const PrintPoint& one : matches) errors.push_back(offBy_px(one, truth_));
   std::ranges::nth_element(errors, errors.begin() + static_cast<std::ptrdiff_t>(errors.size() / 2));
   EXPECT_LT(errors[errors.size() / 2], 0.7);  // whole pixels
-  const auto pose = poseFromBlocks(start, matches, scene_.camera.focalLength(), 1.0);
+  const auto pose = poseFromPoints(start, matches, scene_.camera.focalLength(), 1.0);
   ASSERT_TRUE(pose);
   EXPECT_GT((start.p - truth_.p).norm(), 0.004);
-  EXPECT_LT((pose->p - truth_.p).norm(), 0.002);
+  EXPECT_LT((pose->T.p - truth_.p).norm(), 0.002);
 }
 
 TEST_F(BlockMatchesTest, WhatHidesThePictureIsNoneOfItsBlocks) {
@@ -65,18 +69,12 @@ TEST_F(BlockMatchesTest, WhatHidesThePictureIsNoneOfItsBlocks) {
   }
   int left = 0;
   int right = 0;
-  for (const BlockMatch& one : match(image, truth_)) {
+  for (const PrintPoint& one : match(image, truth_)) {
     const double x_px = scene_.camera.project(truth_ * one.on_print)->x();
     ++(x_px < 310.0 ? left : right);
   }
   EXPECT_GT(right, static_cast<int>(whole) / 3);
   EXPECT_LT(left, right / 4);
-}
-
-TEST_F(BlockMatchesTest, TooFewMakeNoPose) {
-  EXPECT_FALSE(poseFromBlocks(truth_, {}, scene_.camera.focalLength(), 1.0));
-  const BlockMatch one{Eigen::Vector3d::Zero(), Eigen::Vector2d::Zero()};
-  EXPECT_FALSE(poseFromBlocks(truth_, {one, one, one}, scene_.camera.focalLength(), 1.0));
 }
 
 }  // namespace

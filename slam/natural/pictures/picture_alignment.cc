@@ -364,6 +364,7 @@ std::optional<PictureAlignment> conclude(const Subject& subject, int level, Stat
 // few are anywhere.
 std::optional<State> rematched(const Subject& subject, int level, const State& state) {
   constexpr double kKernel_px = 1.0;  // whole pixels, and the picture's perspective
+  constexpr std::size_t kLeastBlocks = 8;
   const CameraModel& camera = subject.rays->camera();
   const auto fit = fitAt(subject, state, level);
   if (!fit) return std::nullopt;
@@ -371,16 +372,16 @@ std::optional<State> rematched(const Subject& subject, int level, const State& s
                                   .reach_px = subject.options.rematch_reach_px,
                                   .contrast = subject.options.block_contrast,
                                   .correlation = subject.options.rematch_correlation};
-  const auto pose = poseFromBlocks(
-      state.T_c_p, matchBlocks(fit->pixels(), subject.image.level(level), level, camera, options),
-      camera.focalLength(), kKernel_px * (1 << level));
+  const std::vector<PrintPoint> found =
+      matchBlocks(fit->pixels(), subject.image.level(level), level, camera, options);
+  if (found.size() < kLeastBlocks) return std::nullopt;
+  const auto pose =
+      poseFromPoints(state.T_c_p, found, camera.focalLength(), kKernel_px * (1 << level));
   if (!pose) return std::nullopt;
   State moved = state;
-  moved.T_c_p = *pose;
+  moved.T_c_p = pose->T;
   return moved;
 }
-
-double agreeingBlocks(const PictureAlignment& a) { return a.agreeing_share * a.textured_blocks; }
 
 }  // namespace
 
@@ -433,7 +434,7 @@ std::optional<PictureAlignment> alignPicture(const NaturalMarker& marker, const 
   auto moved = rematched(subject, levels->finest, state);
   if (!moved) return result;
   const auto again = conclude(subject, levels->finest, &*moved);
-  return again && agreeingBlocks(*again) > agreeingBlocks(*result) ? again : result;
+  return again && again->agreeingBlocks() > result->agreeingBlocks() ? again : result;
 }
 
 double evidenceAgainst(const PictureAlignment& rival, const PictureAlignment& best,

@@ -80,6 +80,7 @@ struct PictureAlignment {
   // Of the blocks with texture, those that agree; and how many there are.
   double agreeing_share = 0.0;
   int textured_blocks = 0;
+  [[nodiscard]] double agreeingBlocks() const { return agreeing_share * textured_blocks; }
   // Of expected and seen grey levels, over the blocks that agree, and within the middle one of
   // them: what is hidden cuts through some.
   double correlation = 0.0;

@@ -85,12 +85,11 @@ std::vector<ImageFeature> PictureFinder::undistorted(const FeatureSet& features,
 }
 
 bool PictureFinder::looksRight(const PictureAlignment& a) const {
-  const double agreeing_blocks = a.agreeing_share * a.textured_blocks;
   const bool whole = a.agreeing_share >= options_.whole_share;
   return a.correlation >= options_.min_correlation &&
          (whole || a.block_correlation >= options_.min_block_correlation) &&
          a.agreeing_share >= options_.min_agreeing_share &&
-         agreeing_blocks >= options_.min_agreeing_blocks - 0.5 &&
+         a.agreeingBlocks() >= options_.min_agreeing_blocks - 0.5 &&
          tiltOf(a.T_c_p) <= options_.max_tilt_rad;
 }
 

@@ -2,9 +2,9 @@
 
 #include <algorithm>
 #include <limits>
+#include <vector>
 
 #include "slam/geometry/homography.h"
-#include "slam/geometry/minimize_pose.h"
 #include "slam/geometry/reprojection.h"
 #include "slam/geometry/robust.h"
 #include "slam/marker_pose/square_pose.h"
@@ -31,22 +31,31 @@ std::optional<MarkerDetection> squareAt(double side_m, double focal_px, double l
   return square;
 }
 
-std::optional<MinimizedPose> refineOnMatches(const Transform& start,
-                                             const PictureCandidate& candidate,
-                                             const NaturalMarker& marker,
-                                             std::span<const ImageFeature> image, double focal_px,
-                                             double kernel_px) {
+std::vector<PrintPoint> pointsOf(const PictureCandidate& candidate, const NaturalMarker& marker,
+                                 std::span<const ImageFeature> image) {
+  std::vector<PrintPoint> points;
+  for (const PictureFeatureMatch& match : candidate.inliers) {
+    const Eigen::Vector2d on_print =
+        marker.featurePoint(static_cast<std::size_t>(match.picture_feature));
+    points.push_back({{on_print.x(), on_print.y(), 0.0},
+                      image[static_cast<std::size_t>(match.image_feature)].normalized});
+  }
+  return points;
+}
+
+}  // namespace
+
+std::optional<MinimizedPose> poseFromPoints(const Transform& start,
+                                            std::span<const PrintPoint> points, double focal_px,
+                                            double kernel_px) {
   constexpr int kIterations = 15;
   const Transform camera;  // the identity: the "world" here is the camera
   return minimizePose(start, kIterations, [&](const Transform& T_c_p, PoseNormal* normal) {
-    for (const PictureFeatureMatch& match : candidate.inliers) {
-      const Eigen::Vector2d on_print =
-          marker.featurePoint(static_cast<std::size_t>(match.picture_feature));
-      const Eigen::Vector3d p = T_c_p * Eigen::Vector3d(on_print.x(), on_print.y(), 0.0);
+    for (const PrintPoint& point : points) {
+      const Eigen::Vector3d p = T_c_p * point.on_print;
       Projection projection;
       if (!projectPoint(camera, p, &projection)) return false;
-      const auto& seen = image[static_cast<std::size_t>(match.image_feature)];
-      const Eigen::Vector2d r = focal_px * (projection.normalized - seen.normalized);
+      const Eigen::Vector2d r = focal_px * (projection.normalized - point.normalized);
       const Matrix26d J = focal_px * markerJacobian(T_c_p, p, projection.J_point);
       const double weight = huberWeight(r.squaredNorm(), kernel_px);
       normal->cost += huberCost(r.squaredNorm(), kernel_px);
@@ -56,8 +65,6 @@ std::optional<MinimizedPose> refineOnMatches(const Transform& start,
     return true;
   });
 }
-
-}  // namespace
 
 std::optional<Transform> poseFromMatches(const PictureCandidate& candidate,
                                          const NaturalMarker& marker,
@@ -73,9 +80,10 @@ std::optional<Transform> poseFromMatches(const PictureCandidate& candidate,
   if (!square) return std::nullopt;
   const auto both = estimateSquarePose(*square, side_m, focal_px);
   if (!both) return std::nullopt;
+  const std::vector<PrintPoint> points = pointsOf(candidate, marker, image);
   std::optional<MinimizedPose> best;
   for (const Transform& start : both->T_c_m) {
-    const auto refined = refineOnMatches(start, candidate, marker, image, focal_px, kernel_px);
+    const auto refined = poseFromPoints(start, points, focal_px, kernel_px);
     if (!refined) continue;
     // The print is seen from its front.
     if ((refined->T.R.transpose() * refined->T.p).z() >= 0.0) continue;

@@ -4,11 +4,24 @@
 #include <optional>
 #include <span>
 
+#include "slam/geometry/minimize_pose.h"
 #include "slam/geometry/transform.h"
 #include "slam/natural/pictures/natural_marker.h"
 #include "slam/natural/pictures/picture_matcher.h"
 
 namespace waymark::slam {
+
+// Where a point of a print is in the image.
+struct PrintPoint {
+  Eigen::Vector3d on_print;    // metres, z = 0
+  Eigen::Vector2d normalized;  // undistorted
+};
+
+// The pose, near `start`, from which the points are where they are seen, by a robust kernel (Huber)
+// of kernel_px. Empty where one is behind the camera at the start.
+[[nodiscard]] std::optional<MinimizedPose> poseFromPoints(const Transform& start,
+                                                          std::span<const PrintPoint> points,
+                                                          double focal_px, double kernel_px);
 
 // Of the two poses whose image is like the candidate's, refined on its matches with a robust kernel
 // of `kernel_px`, the one that fits better. Empty when the place is not the image of a print in
