@@ -72,10 +72,11 @@ std::optional<Transform> LensEstimator::collect(const RollingShutterEstimator& s
     next_keyframes_ = static_cast<int>(map->keyframes().size());  // of a world that is no more
     return std::nullopt;
   }
-  const auto by_estimate = adopt(coming.estimate, coming.readout_s, map);
-  const auto by_whole = applyWhole(correction, map);
-  if (!by_whole) return by_estimate;
-  return by_estimate ? *by_whole * *by_estimate : *by_whole;
+  auto T_new_old = adopt(coming.estimate, coming.readout_s, map);
+  if (const auto by_whole = applyWhole(correction, map)) {
+    T_new_old = *by_whole * T_new_old.value_or(Transform{});
+  }
+  return T_new_old;
 }
 
 void LensEstimator::beginWhole(const LensEstimate& estimate, double readout_s,
