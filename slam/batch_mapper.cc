@@ -59,7 +59,7 @@ PoseEstimate BatchMapper::estimateOf(const std::vector<KnownMarker>& known,
   const PoseGlobalMatrix in_view =
       poseByCamera(*solution, known, with_.uncertainty, frame.twist, frame.monotonic_ns);
   estimate.covariance = with_.covariance->inWorld(*solution, known, in_view);
-  estimate.view_covariance += in_view * with_.uncertainty.covariance * in_view.transpose();
+  estimate.view_covariance += covarianceByCamera(with_.uncertainty, in_view);
   return estimate;
 }
 

@@ -6,6 +6,7 @@
 
 #include <Eigen/Cholesky>
 
+#include "slam/covariance/pose_by_camera.h"
 #include "slam/geometry/image_velocity.h"
 #include "slam/geometry/minimize_pose.h"
 #include "slam/geometry/reprojection.h"
@@ -93,8 +94,7 @@ std::optional<PoseAtPlane> seenThrough(const SeenThrough& frame, const PoseAtPla
                                                        frame.twist, frame.monotonic_ns));
   }
   by_camera = llt.solve(by_camera).eval();
-  return PoseAtPlane{
-      minimum->T, found.covariance + by_camera * frame.by_now.covariance * by_camera.transpose()};
+  return PoseAtPlane{minimum->T, found.covariance + covarianceByCamera(frame.by_now, by_camera)};
 }
 
 }  // namespace waymark::slam

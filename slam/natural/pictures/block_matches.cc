@@ -2,7 +2,6 @@
 
 #include <map>
 #include <optional>
-#include <utility>
 
 namespace waymark::slam {
 namespace {
@@ -10,12 +9,9 @@ namespace {
 // The pixels of a block.
 using Block = std::vector<const PhotometricPixel*>;
 
-std::map<std::pair<int, int>, Block> blocksOf(const std::vector<PhotometricPixel>& pixels,
-                                              int block_px) {
-  std::map<std::pair<int, int>, Block> blocks;
-  for (const PhotometricPixel& pixel : pixels) {
-    blocks[{pixel.row / block_px, pixel.column / block_px}].push_back(&pixel);
-  }
+std::map<BlockPlace, Block> blocksOf(const std::vector<PhotometricPixel>& pixels, int block_px) {
+  std::map<BlockPlace, Block> blocks;
+  for (const PhotometricPixel& pixel : pixels) blocks[blockOf(pixel, block_px)].push_back(&pixel);
   return blocks;
 }
 
@@ -51,10 +47,9 @@ std::optional<Eigen::Vector2i> bestMove(const Block& block, const GreyLevels& im
 std::vector<PrintPoint> matchBlocks(const std::vector<PhotometricPixel>& pixels,
                                     const GreyLevels& image, int level, const CameraModel& camera,
                                     const BlockMatchOptions& options) {
-  constexpr std::size_t kLeastPixels = 16;
   std::vector<PrintPoint> matches;
   for (const auto& [place, block] : blocksOf(pixels, options.block_px)) {
-    if (block.size() < kLeastPixels) continue;
+    if (block.size() < kLeastBlockPixels) continue;
     if (movedBy(block, image, 0, 0).contrast() < options.contrast) continue;
     const auto move = bestMove(block, image, options);
     if (!move) continue;
@@ -66,9 +61,7 @@ std::vector<PrintPoint> matchBlocks(const std::vector<PhotometricPixel>& pixels,
     }
     const auto count = static_cast<double>(block.size());
     at = at / count + move->cast<double>();
-    const double scale = 1 << level;
-    const auto normalized =
-        camera.undistort(scale * (at.array() + 0.5).matrix() - Eigen::Vector2d::Constant(0.5));
+    const auto normalized = camera.undistort({toFull(at.x(), level), toFull(at.y(), level)});
     if (normalized) matches.push_back({on_print / count, *normalized});
   }
   return matches;

@@ -4,6 +4,8 @@
 #include <array>
 #include <cmath>
 
+#include "slam/geometry/polygon.h"
+
 namespace waymark::slam {
 namespace {
 
@@ -126,13 +128,7 @@ double coveredArea_px(const NaturalMarker& marker, const Transform& T_c_p,
     if (!pixel) return 0.0;
     outline.push_back(*pixel);
   }
-  double twice = 0.0;
-  for (std::size_t i = 0; i < outline.size(); ++i) {
-    const Eigen::Vector2d& a = outline[i];
-    const Eigen::Vector2d& b = outline[(i + 1) % outline.size()];
-    twice += a.x() * b.y() - b.x() * a.y();
-  }
-  return 0.5 * std::abs(twice);
+  return polygonArea(outline);
 }
 
 std::optional<ExpectedPicture> expectPicture(const NaturalMarker& marker, const Transform& T_c_p,

@@ -153,8 +153,7 @@ PixelBlocks PhotometricFit::blocks(const Transform& T_c_p, int block_px) {
   PixelBlocks blocks;
   for (std::size_t i = 0; i < pixels_.size(); ++i) {
     if (!std::isfinite(seen_[i])) continue;
-    blocks[{pixels_[i].row / block_px, pixels_[i].column / block_px}].add(pixels_[i].expected,
-                                                                          seen_[i]);
+    blocks[blockOf(pixels_[i], block_px)].add(pixels_[i].expected, seen_[i]);
   }
   return blocks;
 }
@@ -165,7 +164,7 @@ void PhotometricFit::leaveOutHidden(const Transform& T_c_p, int block_px, double
   const PixelBlocks all = blocks(T_c_p, block_px);
   std::vector<PhotometricPixel> left;
   for (const PhotometricPixel& pixel : pixels_) {
-    const auto block = all.find({pixel.row / block_px, pixel.column / block_px});
+    const auto block = all.find(blockOf(pixel, block_px));
     if (block == all.end()) continue;
     const bool texture = block->second.contrast() >= contrast;
     if (texture && block->second.correlation() < correlation) continue;

@@ -47,8 +47,14 @@ struct PixelBlock {
   [[nodiscard]] double contrast() const;
   [[nodiscard]] double correlation() const;
 };
-// By row and column, in blocks.
-using PixelBlocks = std::map<std::pair<int, int>, PixelBlock>;
+// A block's row and column.
+using BlockPlace = std::pair<int, int>;
+[[nodiscard]] inline BlockPlace blockOf(const PhotometricPixel& pixel, int block_px) {
+  return {pixel.row / block_px, pixel.column / block_px};
+}
+// Fewer pixels of a block, at the picture's edge, say too little to be judged by.
+inline constexpr int kLeastBlockPixels = 16;
+using PixelBlocks = std::map<BlockPlace, PixelBlock>;
 
 class PhotometricFit {
  public:

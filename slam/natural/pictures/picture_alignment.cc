@@ -202,10 +202,10 @@ std::optional<Levels> levelsFor(const Subject& subject, const Transform& T_c_p) 
 
 // What the residuals at the end say, in sums.
 struct Sums {
-  std::map<std::pair<int, int>, PhotometricVector> scores;  // of blocks: influence times Jacobian
-  PhotometricMatrix JtJ = PhotometricMatrix::Zero();        // of pixels that have influence
-  double influence2 = 0.0;                                  // sum of the squared influences
-  double slope = 0.0;                                       // and of the influence's derivatives
+  std::map<BlockPlace, PhotometricVector> scores;     // of blocks: influence times Jacobian
+  PhotometricMatrix JtJ = PhotometricMatrix::Zero();  // of pixels that have influence
+  double influence2 = 0.0;                            // sum of the squared influences
+  double slope = 0.0;                                 // and of the influence's derivatives
   int with_influence = 0;
   int seen = 0;
 };
@@ -221,8 +221,8 @@ Sums sumUp(const PhotometricFit& fit, const Light& light, double cutoff, int blo
     if (t >= 1.0) continue;
     const PhotometricVector row = fit.jacobian(i, light);
     const double influence = tukeyWeight(t) * r;
-    const auto [score, added] = sums.scores.try_emplace(
-        {pixel.row / block_px, pixel.column / block_px}, PhotometricVector::Zero());
+    const auto [score, added] =
+        sums.scores.try_emplace(blockOf(pixel, block_px), PhotometricVector::Zero());
     score->second += influence * row;
     sums.JtJ.selfadjointView<Eigen::Lower>().rankUpdate(row);
     sums.influence2 += influence * influence;
@@ -308,11 +308,10 @@ bool fillCovariance(const Subject& subject, const Sums& sums, int level, Picture
 
 // Fills what verifies the picture, of all its pixels.
 void judge(const Subject& subject, PhotometricFit whole, int level, PictureAlignment* result) {
-  constexpr int kLeastPixels = 16;  // of a block
   PixelBlock agreeing;
   std::vector<double> correlations;  // of these, one by one
   for (const auto& [place, block] : whole.blocks(result->T_c_p, subject.options.block_px)) {
-    if (block.count < kLeastPixels) continue;
+    if (block.count < kLeastBlockPixels) continue;
     if (block.contrast() < subject.options.block_contrast) continue;
     ++result->textured_blocks;
     if (block.correlation() < subject.options.block_correlation) continue;
