@@ -63,6 +63,7 @@ std::optional<std::string> tellOfFamilies(const DoctorArguments& arguments, cons
 struct Tried {
   diagnosis::Verdict verdict;
   std::vector<double> steps_px;  // of markers from frame to frame
+  diagnosis::Finding lens;
 };
 
 std::vector<double> stepsOf(const RunRecord& record) {
@@ -84,8 +85,8 @@ std::vector<double> stepsOf(const RunRecord& record) {
 }
 
 Result<Tried> tryRun(const DoctorArguments& arguments, const std::string& dictionary,
-                     const slam::Calibration& calibration, const diagnosis::ImageSamples& samples,
-                     const daemon::StopSignal& stop) {
+                     const std::optional<slam::Calibration>& calibration,
+                     const diagnosis::ImageSamples& samples, const daemon::StopSignal& stop) {
   RunInputOptions input;
   input.source = arguments.source;
   input.calibration = arguments.calibration;
@@ -93,6 +94,7 @@ Result<Tried> tryRun(const DoctorArguments& arguments, const std::string& dictio
   if (!opened) return opened.error();
   slam::Options options;
   options.markers.size_m = arguments.marker_size_m;
+  if (!opened->lens_given) options.lens.takeForGuess(/*fov_is_given=*/false);
   if (opened->input->unorderedImages()) options.treatAsUnorderedImages();
   slam::Slam slam(slam::CameraModel(opened->fitted.calibration),
                   *slam::Dictionary::byName(dictionary), options);
@@ -104,7 +106,11 @@ Result<Tried> tryRun(const DoctorArguments& arguments, const std::string& dictio
     if (!step || !step.value()) break;
     record.add((*step)->time_ns, (*step)->result, slam.counters());
   }
-  return Tried{judgeRun(record, slam, options.markers, dictionary, samples), stepsOf(record)};
+  const std::string who =
+      arguments.calibration.empty() ? "the recording's own calibration" : arguments.calibration;
+  return Tried{judgeRun(record, slam, options.markers, dictionary, samples), stepsOf(record),
+               diagnosis::lensFinding(calibration ? who : std::string(), slam.lens(),
+                                      slam.camera().calibration().fx)};
 }
 
 // The lens that somebody says it is; empty when nobody does.
@@ -119,7 +125,7 @@ Result<std::optional<slam::Calibration>> lensOf(const DoctorArguments& arguments
   return recorded->calibration;
 }
 
-void tellOfLens(const Tried& tried) {
+void tellOfPoses(const Tried& tried) {
   using Grade = diagnosis::Verdict::Grade;
   const bool good = tried.verdict.grade == Grade::kGood;
   tell({good ? Level::kGood : (tried.verdict.grade == Grade::kNone ? Level::kBad : Level::kNote),
@@ -147,21 +153,14 @@ Result<ExitCode> examine(const DoctorArguments& arguments) {
   tellOfSource(*looked);
   const std::optional<std::string> family = tellOfFamilies(arguments, *looked);
   if (family) {
-    const slam::Calibration guess =
-        diagnosis::guessedCamera(looked->info.width, looked->info.height).calibration();
-    const Result<Tried> tried =
-        tryRun(arguments, *family, lens->has_value() ? **lens : guess, looked->samples, stop);
+    const Result<Tried> tried = tryRun(arguments, *family, *lens, looked->samples, stop);
     if (!tried) {
       tell({Level::kBad, "lens", tried.error().message});
     } else {
       if (!looked->info.photographs) tell(diagnosis::motionFinding(tried->steps_px));
-      if (lens->has_value()) tellOfLens(*tried);
+      tell(tried->lens);
+      tellOfPoses(*tried);
     }
-  }
-  if (!lens->has_value()) {
-    tell({Level::kNote, "lens",
-          "not looked at: --calibration says which it is, waymark calibrate "
-          "makes one"});
   }
   tell({Level::kNote, "scale",
         (arguments.size_is_given ? io::roundTrip(arguments.marker_size_m) + " m is taken as said"

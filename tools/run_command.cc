@@ -20,6 +20,7 @@
 #include "slam/slam.h"
 #include "tools/diagnosis/grey_image.h"
 #include "tools/diagnosis/run_verdict.h"
+#include "tools/diagnosis/source_report.h"
 #include "tools/exit_code.h"
 #include "tools/marker_arguments.h"
 #include "tools/number_arguments.h"
@@ -138,11 +139,8 @@ void printSummary(const RunRecord& record, const slam::Slam& slam, const StageTi
 void tellOfLens(const RunArguments& arguments, const slam::Slam& slam) {
   const slam::LensKnowledge& lens = slam.lens();
   if (arguments.calibration.empty() || lens.state == slam::LensState::kGiven) return;
-  std::fprintf(stderr,
-               "waymark: %s does not fit these images: RMS %.2f px, %.2f with what was learned, "
-               "focal length %.1f instead of %.1f\n",
-               arguments.calibration.c_str(), lens.rms_given_px, lens.rms_after_px,
-               slam.camera().calibration().fx, lens.given.calibration().fx);
+  std::fprintf(stderr, "waymark: %s %s\n", arguments.calibration.c_str(),
+               diagnosis::misfitText(lens, slam.camera().calibration().fx).c_str());
   if (!lens.changedUnderWay()) return;
   std::fprintf(stderr, "waymark: the lens changed under way, %zu times\n", lens.earlier.size());
 }

@@ -39,14 +39,16 @@ class FrameInput final : public RunInput {
       const capture::FramePtr frame = std::get<capture::FramePtr>(std::move(read));
       const capture::FrameStamp& stamp = frame->stamp();
       if (!first_ns_) first_ns_ = source_->info().live ? stamp.monotonic_ns : 0;
-      slam::FrameInput input{.time = {stamp.sequence, stamp.monotonic_ns}, .image = frame->image()};
+      // The SLAM's times are those of the results: at the end both are asked which frame is which.
+      const std::int64_t time_ns = stamp.monotonic_ns - *first_ns_;
+      slam::FrameInput input{.time = {stamp.sequence, time_ns}, .image = frame->image()};
       if (late != nullptr) input = late->prepare(input);
       timer.beginFrame();
       const slam::FrameResult result = slam.process(input, &timer);
       timer.endFrame();
       if (late != nullptr) late->look(input, result, slam);
       if (observer_) observer_(frame->image());
-      return std::optional<Step>({stamp.monotonic_ns - *first_ns_, result});
+      return std::optional<Step>({time_ns, result});
     }
   }
 

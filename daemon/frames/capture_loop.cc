@@ -29,7 +29,13 @@ void CaptureLoop::run() {
     }
   }
   if (source_) countFrames();  // what it dropped since its last frame
-  frames_.close();
+  // Of a recording every frame gets its pose. Who stops a camera need not wait for a SLAM that is
+  // behind.
+  if (over_) {
+    frames_.close();
+  } else {
+    frames_.closeWithNewest();
+  }
 }
 
 Status CaptureLoop::open() {

@@ -229,6 +229,20 @@ TEST_F(CaptureLoopTest, StopsWhileTheCameraIsAway) {
   EXPECT_EQ(sequences_.size(), 1u);
 }
 
+TEST_F(CaptureLoopTest, AStopNeedNotWaitForASlamThatIsBehind) {
+  CaptureLoop loop(scripts({{Step::kFrame, Step::kFrame, Step::kFrame}}, true), frames_, status_,
+                   log_,
+                   {.read_timeout = milliseconds(2), .silence = {.least = milliseconds(60'000)}});
+  std::thread capture([&] { loop.run(); });
+  while (frames_.pushed() < 3) std::this_thread::yield();
+  EXPECT_EQ(frames_.pop()->stamp().sequence, 0U);
+  loop.requestStop();
+  capture.join();
+  consume();
+  EXPECT_EQ(sequences_, std::vector<std::uint64_t>{2});
+  EXPECT_EQ(frames_.dropped(), 1U);
+}
+
 // The source's buffers die with it, so it must wait for a consumer that is slow to let go.
 TEST_F(CaptureLoopTest, ASourceIsKeptUntilItsFramesAreBack) {
   CaptureLoop loop(scripts({{Step::kFrame, Step::kError}, {Step::kEnd}}, true), frames_, status_,

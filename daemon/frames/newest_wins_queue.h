@@ -37,14 +37,8 @@ class NewestWinsQueue {
   void push(Pointer item) {
     const std::uint64_t write = write_.load(std::memory_order_relaxed);
     std::uint64_t read = read_.load(std::memory_order_acquire);
-    if (write - read == capacity_) {
-      const Raw oldest = slot(read).load(std::memory_order_relaxed);
-      // A failure means that the consumer has just made room by taking it.
-      if (claim(read)) {
-        Pointer(oldest).reset();
-        dropped_.fetch_add(1, std::memory_order_relaxed);
-      }
-    }
+    // A failure means that the consumer has just made room by taking it.
+    if (write - read == capacity_) (void)dropAt(read);
     slot(write).store(item.release(), std::memory_order_relaxed);
     write_.store(write + 1, std::memory_order_release);
     notify();
@@ -54,6 +48,16 @@ class NewestWinsQueue {
   void close() {
     closed_.store(true, std::memory_order_release);
     notify();
+  }
+
+  // Producer: no more will come, and of those waiting the newest is enough; the others are dropped,
+  // and counted. A consumer that keeps up loses none, one that is behind is soon done.
+  void closeWithNewest() {
+    std::uint64_t read = read_.load(std::memory_order_acquire);
+    while (write_.load(std::memory_order_relaxed) - read > 1) {
+      if (dropAt(read)) ++read;
+    }
+    close();
   }
 
   // Producer: nothing waits and the consumer holds nothing it popped. Then, and only then, may the
@@ -107,6 +111,15 @@ class NewestWinsQueue {
   bool claim(std::uint64_t& position) {
     return read_.compare_exchange_strong(position, position + 1, std::memory_order_acq_rel,
                                          std::memory_order_acquire);
+  }
+
+  // Producer. False: the consumer had it, and `position` is where it reads next.
+  bool dropAt(std::uint64_t& position) {
+    const Raw item = slot(position).load(std::memory_order_relaxed);
+    if (!claim(position)) return false;
+    Pointer(item).reset();
+    dropped_.fetch_add(1, std::memory_order_relaxed);
+    return true;
   }
 
   Pointer take() {

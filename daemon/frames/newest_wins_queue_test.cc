@@ -75,6 +75,34 @@ TEST(NewestWinsQueue, GivesTheRestAfterCloseThenNull) {
   EXPECT_EQ(queue.pop(), nullptr);
 }
 
+TEST(NewestWinsQueue, WhoIsBehindAtTheEndGetsTheNewest) {
+  FramePool pool(1, 1, 4);
+  FrameQueue queue(4);
+  for (std::uint64_t i = 0; i < 4; ++i) queue.push(numbered(pool, i));
+  EXPECT_EQ(queue.pop()->stamp().sequence, 0U);
+  queue.closeWithNewest();
+  EXPECT_EQ(queue.pop()->stamp().sequence, 3U);
+  EXPECT_TRUE(queue.finished());
+  EXPECT_EQ(queue.pop(), nullptr);
+  EXPECT_EQ(queue.dropped(), 2U);
+  std::vector<FramePtr> all(4);
+  for (FramePtr& frame : all) frame = pool.acquire();
+  EXPECT_TRUE(all[0] && all[1] && all[2] && all[3]) << "their owner has them back";
+}
+
+TEST(NewestWinsQueue, WhoKeepsUpLosesNothingAtTheEnd) {
+  FramePool pool(1, 1, 2);
+  FrameQueue queue(2);
+  queue.push(numbered(pool, 5));
+  queue.closeWithNewest();
+  EXPECT_EQ(queue.pop()->stamp().sequence, 5U);
+  EXPECT_TRUE(queue.finished());
+  EXPECT_EQ(queue.dropped(), 0U);
+  FrameQueue empty(2);
+  empty.closeWithNewest();
+  EXPECT_EQ(empty.pop(), nullptr);
+}
+
 TEST(NewestWinsQueue, CloseWakesAWaitingConsumer) {
   FrameQueue queue(2);
   std::thread consumer([&] { EXPECT_EQ(queue.pop(), nullptr); });

@@ -132,6 +132,31 @@ Finding motionFinding(std::vector<double> steps_px) {
   return finding;
 }
 
+Finding lensFinding(const std::string& file, const slam::LensKnowledge& known, double focal_px) {
+  const std::string focal = "focal length " + fixed(focal_px, 1) + " px";
+  const bool as_given = known.state == slam::LensState::kGiven;
+  if (!file.empty()) {
+    if (as_given) return {Level::kGood, "lens", file + " fits, as far as markers show; " + focal};
+    return {Level::kBad, "lens", file + " " + misfitText(known, focal_px)};
+  }
+  const std::string what_helps =
+      "come nearer to markers, tilt the camera, bring them to the edges of the image";
+  if (as_given)
+    return {Level::kNote, "lens", "no calibration, and too little to learn it: " + what_helps};
+  const std::string how_well = focal + " to " + fixed(100.0 * known.focalShare(), 2) + " %";
+  if (known.state == slam::LensState::kLearned) {
+    return {Level::kGood, "lens", "no calibration is needed, it is learned: " + how_well};
+  }
+  return {Level::kNote, "lens",
+          "no calibration, and not learned yet, " + how_well + ": " + what_helps};
+}
+
+std::string misfitText(const slam::LensKnowledge& known, double focal_px) {
+  return "does not fit these images: RMS " + fixed(known.rms_given_px, 2) + " px, " +
+         fixed(known.rms_after_px, 2) + " with what was learned, focal length " +
+         fixed(focal_px, 1) + " instead of " + fixed(known.given.calibration().fx, 1);
+}
+
 std::string formatFinding(const Finding& finding) {
   const char* level = finding.level == Level::kGood   ? "good"
                       : finding.level == Level::kNote ? "note"

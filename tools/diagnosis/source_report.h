@@ -6,6 +6,7 @@
 #include <string>
 #include <vector>
 
+#include "slam/camera/lens_knowledge.h"
 #include "tools/diagnosis/family_survey.h"
 #include "tools/diagnosis/image_quality.h"
 
@@ -32,6 +33,13 @@ struct Finding {
 
 // How far markers move in the image from one frame to the next, pixels.
 [[nodiscard]] Finding motionFinding(std::vector<double> steps_px);
+
+// What markers say of a lens. `file`: who says which lens it is; empty: nobody, and `known.given`
+// is a guess. `focal_px`: of the lens in use, pixels.
+[[nodiscard]] Finding lensFinding(const std::string& file, const slam::LensKnowledge& known,
+                                  double focal_px);
+// That another lens was learned than the one that was given.
+[[nodiscard]] std::string misfitText(const slam::LensKnowledge& known, double focal_px);
 
 // "good   focus      the sharpest edges are ..."
 [[nodiscard]] std::string formatFinding(const Finding& finding);

@@ -54,6 +54,32 @@ TEST(SourceReport, LightAndFocus) {
   EXPECT_TRUE(says(found.at(1), "sharp"));
 }
 
+TEST(SourceReport, TheLensThatWasGivenAndTheOneThatIsLearned) {
+  slam::LensKnowledge known{
+      .given = slam::CameraModel({.width = 640, .height = 480, .fx = 400.0, .fy = 400.0})};
+  EXPECT_EQ(lensFinding("calib.yml", known, 400.0).level, Level::kGood);
+  EXPECT_TRUE(says(lensFinding("calib.yml", known, 400.0), "calib.yml fits"));
+  Finding nothing = lensFinding("", known, 400.0);
+  EXPECT_EQ(nothing.level, Level::kNote);
+  EXPECT_TRUE(says(nothing, "no calibration, and too little to learn it: come nearer"));
+
+  known.state = slam::LensState::kLearning;
+  known.rms_given_px = 1.6;
+  known.rms_after_px = 0.06;
+  known.covariance(0, 0) = 25.0;
+  known.focal_px = 500.0;
+  const Finding wrong = lensFinding("calib.yml", known, 502.4);
+  EXPECT_EQ(wrong.level, Level::kBad);
+  EXPECT_TRUE(says(wrong,
+                   "calib.yml does not fit these images: RMS 1.60 px, 0.06 with what was learned, "
+                   "focal length 502.4 instead of 400.0"));
+  nothing = lensFinding("", known, 502.4);
+  EXPECT_EQ(nothing.level, Level::kNote);
+  EXPECT_TRUE(says(nothing, "502.4 px to 1.00 %: come nearer"));
+  known.state = slam::LensState::kLearned;
+  EXPECT_EQ(lensFinding("", known, 502.4).level, Level::kGood);
+}
+
 TEST(SourceReport, Families) {
   const FamilyCount april{
       .dictionary = "APRILTAG_36h11", .markers = 40, .images = 8, .ids = {1, 2}};
