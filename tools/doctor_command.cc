@@ -94,7 +94,7 @@ Result<Tried> tryRun(const DoctorArguments& arguments, const std::string& dictio
   if (!opened) return opened.error();
   slam::Options options;
   options.markers.size_m = arguments.marker_size_m;
-  if (!opened->lens_given) options.lens.takeForGuess(/*fov_is_given=*/false);
+  if (!opened->lens_given) options.lens.takeForGuess(/*fov_said=*/false);
   if (opened->input->unorderedImages()) options.treatAsUnorderedImages();
   slam::Slam slam(slam::CameraModel(opened->fitted.calibration),
                   *slam::Dictionary::byName(dictionary), options);

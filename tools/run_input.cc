@@ -52,7 +52,7 @@ class FrameInput final : public RunInput {
     }
   }
 
-  void setImageObserver(ImageObserver observer) override { observer_ = std::move(observer); }
+  void setImageObserver(const ImageObserver& observer) override { observer_ = observer; }
   [[nodiscard]] const std::string& description() const override {
     return source_->info().description;
   }

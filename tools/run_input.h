@@ -44,7 +44,7 @@ class RunInput {
                                                          LateResults* late) = 0;
   // Sees every image after its frame, in no time of the SLAM's. Before the first step().
   using ImageObserver = std::function<void(const ImageView&)>;
-  virtual void setImageObserver(ImageObserver /*observer*/) {}
+  virtual void setImageObserver(const ImageObserver& /*observer*/) {}
   // Natural markers can be looked for.
   [[nodiscard]] virtual bool hasImages() const { return true; }
 
