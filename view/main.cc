@@ -7,6 +7,7 @@
 #include <memory>
 #include <optional>
 #include <string>
+#include <system_error>
 #include <utility>
 
 #include <CLI/CLI.hpp>
@@ -31,7 +32,17 @@
 namespace waymark::view {
 namespace {
 
+namespace fs = std::filesystem;
+
 enum ExitCode { kDone = 0, kFault = 1, kBadInput = 2 };
+
+// What was installed with this program, wherever that is: a package is built for one place and
+// installed in another.
+fs::path installedBeside(const char* from_program) {
+  std::error_code error;
+  const fs::path program = fs::read_symlink("/proc/self/exe", error);
+  return (program.parent_path() / from_program).lexically_normal();
+}
 
 struct ViewArguments {
   std::string source;  // results or a recording; empty: what a daemon publishes
@@ -45,9 +56,9 @@ struct ViewArguments {
   std::string token_file;
   bool allow_control = false;
   bool no_image = false;
-  std::string page = WAYMARK_VIEW_PAGE;
+  std::string page = installedBeside(WAYMARK_VIEW_PAGE);
   std::string three = "/usr/share/javascript/three";
-  std::string health = WAYMARK_VIEW_HEALTH;
+  std::string health = (fs::path(page) / "health.md").string();
 };
 
 // Who may ask: beyond this computer only who has the token.
@@ -81,7 +92,6 @@ Result<Access> accessOf(const ViewArguments& arguments) {
 class Offline {
  public:
   static Result<std::unique_ptr<Offline>> open(const ViewArguments& arguments) {
-    namespace fs = std::filesystem;
     auto offline = std::make_unique<Offline>();
     std::error_code error;
     if (fs::is_directory(arguments.source, error)) {
