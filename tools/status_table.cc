@@ -5,6 +5,7 @@
 
 #include "io/text/number_text.h"
 #include "slam/camera/corner_coverage.h"
+#include "tools/diagnosis/source_report.h"
 
 namespace waymark::tools {
 namespace {
@@ -96,9 +97,7 @@ std::string lensText(const Json& lens, const Json& counters) {
   const double cells = numberAt(counters, "slam.image_cells_seen");
   text += ", markers in " + fixed(100.0 * cells / slam::CornerCoverage::kCells, 0) +
           " % of the image so far";
-  if (state == "learning") {
-    text += ": come nearer to markers, tilt the camera, bring them to the edges of the image";
-  }
+  if (state == "learning") text += std::string(": ") + diagnosis::kWhatTeachesALens;
   return text;
 }
 

@@ -157,7 +157,7 @@ TEST_P(NewestWinsQueueStress, KeepsOrderAndCountsEveryLoss) {
       }
       queue.push(std::move(frame));
     }
-    queue.close();
+    queue.closeWithNewest();
   });
 
   std::uint64_t received = 0;

@@ -1,4 +1,6 @@
 // waymark-view as a service: from its package, confined, beside the daemon's.
+#include <cstddef>
+#include <cstdint>
 #include <string>
 
 #include <boost/asio/io_context.hpp>
@@ -6,8 +8,6 @@
 #include <boost/beast/core.hpp>
 #include <boost/beast/websocket.hpp>
 #include <gtest/gtest.h>
-#include <sys/socket.h>
-#include <sys/time.h>
 
 #include "base/clock.h"
 #include "tests/process.h"
@@ -30,14 +30,11 @@ class Page {
     boost::system::error_code failed;
     socket_.next_layer().connect({boost::asio::ip::address_v4::loopback(), kPort}, failed);
     if (!failed) socket_.handshake("127.0.0.1:" + std::to_string(kPort), "/ws", failed);
-    if (failed) return false;
     socket_.read_message_max(std::size_t{16} << 20U);
-    const timeval patience{kPatience.count() / 1000, 0};
-    return ::setsockopt(socket_.next_layer().native_handle(), SOL_SOCKET, SO_RCVTIMEO, &patience,
-                        sizeof patience) == 0;
+    return !failed;
   }
-  // Reads until a message has both words in it.
-  [[nodiscard]] bool hears(const std::string& a, const std::string& b) {
+  // Reads until a message has that in it. (Something is sent always.)
+  [[nodiscard]] bool hears(const std::string& what) {
     const std::int64_t begin_ns = monotonicNs();
     while (monotonicNs() - begin_ns < 1'000'000LL * kPatience.count()) {
       beast::flat_buffer buffer;
@@ -45,7 +42,7 @@ class Page {
       socket_.read(buffer, failed);
       if (failed) return false;
       const std::string text = beast::buffers_to_string(buffer.data());
-      if (text.find(a) != text.npos && text.find(b) != text.npos) return true;
+      if (text.find(what) != text.npos) return true;
     }
     return false;
   }
@@ -76,9 +73,9 @@ TEST_F(ServiceTest, ThePageIsAServiceOfItsOwn) {
     Page page;  // of one that failed nothing is left
     open = page.open();
     if (!open) continue;
-    EXPECT_TRUE(page.hears("\"pose\"", "\"tracking\"")) << "poses, over multicast";
-    EXPECT_TRUE(page.hears("data:image/jpeg", "")) << "images, asked for at the control socket; "
-                                                   << runProgram({"waymark", "ctl", "status"}).out;
+    EXPECT_TRUE(page.hears("\"tracking\"")) << "poses, over multicast";
+    EXPECT_TRUE(page.hears("data:image/jpeg")) << "images, asked for at the control socket; "
+                                               << runProgram({"waymark", "ctl", "status"}).out;
   }
   EXPECT_TRUE(open);
   EXPECT_EQ(property("MainPID", kViewUnit), begun);

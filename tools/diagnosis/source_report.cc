@@ -139,10 +139,10 @@ Finding lensFinding(const std::string& file, const slam::LensKnowledge& known, d
     if (as_given) return {Level::kGood, "lens", file + " fits, as far as markers show; " + focal};
     return {Level::kBad, "lens", file + " " + misfitText(known, focal_px)};
   }
-  const std::string what_helps =
-      "come nearer to markers, tilt the camera, bring them to the edges of the image";
-  if (as_given)
+  const std::string what_helps = kWhatTeachesALens;
+  if (as_given) {
     return {Level::kNote, "lens", "no calibration, and too little to learn it: " + what_helps};
+  }
   const std::string how_well = focal + " to " + fixed(100.0 * known.focalShare(), 2) + " %";
   if (known.state == slam::LensState::kLearned) {
     return {Level::kGood, "lens", "no calibration is needed, it is learned: " + how_well};

@@ -34,6 +34,10 @@ struct Finding {
 // How far markers move in the image from one frame to the next, pixels.
 [[nodiscard]] Finding motionFinding(std::vector<double> steps_px);
 
+// While a lens is being learned.
+inline constexpr const char* kWhatTeachesALens =
+    "come nearer to markers, tilt the camera, bring them to the edges of the image";
+
 // What markers say of a lens. `file`: who says which lens it is; empty: nobody, and `known.given`
 // is a guess. `focal_px`: of the lens in use, pixels.
 [[nodiscard]] Finding lensFinding(const std::string& file, const slam::LensKnowledge& known,
