@@ -182,8 +182,7 @@ Status serve(const ViewArguments& arguments) {
       control.command(command, std::move(answer));
     });
   }
-  const Status listening =
-      server.listen(arguments.listen, static_cast<unsigned short>(arguments.port));
+  Status listening = server.listen(arguments.listen, static_cast<unsigned short>(arguments.port));
   if (!listening) return listening;
   std::printf("http://%s:%u/%s\n", arguments.listen.c_str(), server.port(),
               needs_token ? "#token=..." : "");

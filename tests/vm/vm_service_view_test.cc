@@ -83,7 +83,9 @@ TEST_F(ServiceTest, ThePageIsAServiceOfItsOwn) {
 
   ASSERT_EQ(dpkg("--purge waymark-view").exit_code, 0);
   EXPECT_NE(property("ActiveState", kViewUnit), "active") << "removing ends it";
-  shell("rm -r /etc/systemd/system/waymark-view.service.d && systemctl daemon-reload");
+  EXPECT_EQ(shell("rm -r /etc/systemd/system/waymark-view.service.d && systemctl daemon-reload")
+                .exit_code,
+            0);
   EXPECT_EQ(property("LoadState", kViewUnit), "not-found");
   EXPECT_TRUE(posesCome(3, *subscriber_)) << "the daemon goes on";
 }
