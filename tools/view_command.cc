@@ -11,6 +11,7 @@
 #include <CLI/CLI.hpp>
 #include <unistd.h>
 
+#include "base/program_directory.h"
 #include "tools/exit_code.h"
 
 namespace waymark::tools {
@@ -22,7 +23,7 @@ namespace fs = std::filesystem;
 // build directory it is told where the page's files are.
 std::vector<std::string> programAndPlaces() {
   std::error_code error;
-  const fs::path here = fs::read_symlink("/proc/self/exe", error).parent_path();
+  const fs::path here = programDirectory();
   if (fs::exists(here / "waymark-view", error)) return {(here / "waymark-view").string()};
   const fs::path built = here.parent_path() / "view" / "waymark-view";
   if (!fs::exists(built, error)) return {"waymark-view"};

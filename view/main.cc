@@ -17,6 +17,7 @@
 #include <boost/asio/steady_timer.hpp>
 
 #include "base/clock.h"
+#include "base/program_directory.h"
 #include "daemon/configuration.h"
 #include "daemon/publish/lcm_link.h"
 #include "io/text/number_text.h"
@@ -39,9 +40,7 @@ enum ExitCode { kDone = 0, kFault = 1, kBadInput = 2 };
 // What was installed with this program, wherever that is: a package is built for one place and
 // installed in another.
 fs::path installedBeside(const char* from_program) {
-  std::error_code error;
-  const fs::path program = fs::read_symlink("/proc/self/exe", error);
-  return (program.parent_path() / from_program).lexically_normal();
+  return (programDirectory() / from_program).lexically_normal();
 }
 
 struct ViewArguments {

@@ -1,6 +1,7 @@
 // waymark-view as a service: from its package, confined, beside the daemon's.
 #include <cstddef>
 #include <cstdint>
+#include <optional>
 #include <string>
 
 #include <boost/asio/io_context.hpp>
@@ -67,17 +68,16 @@ TEST_F(ServiceTest, ThePageIsAServiceOfItsOwn) {
   ASSERT_EQ(runProgram({"systemctl", "start", kViewUnit}).exit_code, 0);
   const std::string begun = property("MainPID", kViewUnit);
 
+  std::optional<Page> page;
   const std::int64_t begin_ns = monotonicNs();
-  bool open = false;
-  while (!open && monotonicNs() - begin_ns < 1'000'000LL * kPatience.count()) {
-    Page page;  // of one that failed nothing is left
-    open = page.open();
-    if (!open) continue;
-    EXPECT_TRUE(page.hears("\"tracking\"")) << "poses, over multicast";
-    EXPECT_TRUE(page.hears("data:image/jpeg")) << "images, asked for at the control socket; "
-                                               << runProgram({"waymark", "ctl", "status"}).out;
+  while (!page && monotonicNs() - begin_ns < 1'000'000LL * kPatience.count()) {
+    if (!page.emplace().open()) page.reset();
   }
-  EXPECT_TRUE(open);
+  ASSERT_TRUE(page);
+  EXPECT_TRUE(page->hears("\"tracking\"")) << "poses, over multicast";
+  EXPECT_TRUE(page->hears("data:image/jpeg")) << "images, asked for at the control socket; "
+                                              << runProgram({"waymark", "ctl", "status"}).out;
+  page.reset();
   EXPECT_EQ(property("MainPID", kViewUnit), begun);
   EXPECT_EQ(property("NRestarts", kViewUnit), "0");
 
