@@ -35,12 +35,12 @@ void BatchMapper::optimize() {
 
 // One that turned out to be another is held less.
 ExpectedLens BatchMapper::expectedLens() const {
-  const CameraModel given = expectedAs(with_.lens.given, with_.options.lens.given, *with_.camera);
-  if (with_.lens.state == LensState::kGiven) {
-    return {given.intrinsics(), with_.options.intrinsics.sigmas(), 0.0};
-  }
   const LensPrior& prior = with_.options.lens.prior;
-  return {given.intrinsics(), prior.sigmas(given), prior.aspect_share};
+  const CameraModel given = prior.expectedGiven(
+      expectedAs(with_.lens.given, with_.options.lens.given, *with_.camera), *with_.camera);
+  const bool as_given = with_.lens.state == LensState::kGiven && !given.calibration().covariance;
+  return {given.intrinsics(),
+          as_given ? with_.options.intrinsics.covariance() : prior.covariance(given)};
 }
 
 void BatchMapper::optimizeWithIntrinsics() {

@@ -85,7 +85,6 @@ class Piece::Impl {
     if (lens_watch_.collect(rolling_shutter_)) {
       if (options_.mapping) undistortAgain();
       noteLens();
-      screening_.forgetDisagreements();
       detections = undistorted(detections);
     }
     noteCamera();
@@ -222,16 +221,16 @@ class Piece::Impl {
   void noteCamera() {
     GlobalMatrix& covariance = camera_uncertainty_.covariance;
     covariance.setZero();
-    if (lens_known_.state != LensState::kGiven) {
-      covariance.topLeftCorner<9, 9>() = lens_known_.covariance;
-    }
+    covariance.topLeftCorner<9, 9>() = lens_known_.covariance;
     covariance(9, 9) = rolling_shutter_.sigma_s() * rolling_shutter_.sigma_s();
     camera_uncertainty_.since_ns = lens_known_.since_ns;
   }
 
-  // What was seen through another lens: its noise, and where it has put the features.
+  // What was seen through another lens: its noise, where it has put the features, and what seemed
+  // to have moved.
   void noteLens() {
     tracker_.forgetNoise();
+    if (options_.mapping) screening_.forgetMoves(&map_);
     features_.forget();
     noteCamera();
     covariance_.noteChange();

@@ -22,7 +22,7 @@ class Slam::Impl {
        std::vector<Map> other_pieces)
       : options_(withSurveyedPictures(options)),
         camera_(camera),
-        lens_{.given = camera},
+        lens_(LensKnowledge::of(camera, /*exact=*/!options.lens.learn)),
         lens_start_(startOf(options_, camera)),
         coverage_(camera.width(), camera.height()),
         detector_(camera_, std::move(dictionary), options_.detector, options_.follower, &counters_),

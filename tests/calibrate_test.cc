@@ -175,6 +175,8 @@ TEST(CalibrateSimulated, FindsTheLensOfTheScenes) {
     EXPECT_NEAR(found->cx, truth->cx, 0.5) << board;
     EXPECT_NEAR(found->cy, truth->cy, 0.5) << board;
     EXPECT_NEAR(found->distortion[0], truth->distortion[0], 0.003) << board;
+    ASSERT_TRUE(found->covariance) << board;
+    EXPECT_LT(std::abs(found->fx - truth->fx), 4.0 * std::sqrt((*found->covariance)(0, 0)));
   }
 }
 

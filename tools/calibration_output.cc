@@ -147,9 +147,9 @@ std::string calibrationJson(const CalibrationRun& run, const CalibrationReport& 
 
 void addCalibrationFiles(const CalibrationRun& run, const CalibrationReport& report,
                          io::OutputDirectory* output) {
-  const slam::Calibration& camera = report.solution.camera;
-  output->add("calib.yml", io::formatCalibration(camera));
-  output->add("camera_info.yaml", io::formatCameraInfo(camera, "camera"));
+  const calibration::Solution& solution = report.solution;
+  output->add("calib.yml", io::formatCalibration(solution.measuredCamera()));
+  output->add("camera_info.yaml", io::formatCameraInfo(solution.camera, "camera"));
   output->add("calibration.json", calibrationJson(run, report));
   output->add("calibration.png", pictureOf(run, report));
 }

@@ -48,10 +48,11 @@ Json lensOf(const slam::Slam& slam) {
   json["cx"] = camera.cx;
   json["cy"] = camera.cy;
   json["distortion"] = camera.distortion;
-  const bool known = lens.state != slam::LensState::kGiven;
-  json["focal_sigma_percent"] = known ? Json(100.0 * lens.focalShare()) : Json(nullptr);
-  json["rms_before_px"] = known ? Json(lens.rms_before_px) : Json(nullptr);
-  json["rms_after_px"] = known ? Json(lens.rms_after_px) : Json(nullptr);
+  const bool learned = lens.state != slam::LensState::kGiven;
+  const bool measured = lens.focalShare() > 0.0;
+  json["focal_sigma_percent"] = measured ? Json(100.0 * lens.focalShare()) : Json(nullptr);
+  json["rms_before_px"] = learned ? Json(lens.rms_before_px) : Json(nullptr);
+  json["rms_after_px"] = learned ? Json(lens.rms_after_px) : Json(nullptr);
   json["changes"] = lens.changes;
   json["coverage_percent"] =
       100.0 * static_cast<double>(slam.counters().image_cells_seen) / slam::CornerCoverage::kCells;

@@ -67,7 +67,8 @@ Status writeResults(const slam::Slam& slam,
   output.add("map.json", mapText(slam, map, setup));
   addTrajectories("trajectory_final", map.piece, final_trajectories, &output);
   output.add("poses_final.csv", io::formatFramePoses(final_poses));
-  output.add(setup.calibration_name, io::formatCalibration(slam.camera().calibration()));
+  output.add(setup.calibration_name,
+             io::formatCalibration(slam.lens().calibrationOf(slam.camera())));
   output.add("map.svg", io::formatMapPicture({.title = setup.input->description(),
                                               .markers = io::posedMarkerCorners(map),
                                               .estimate = final_trajectories[map.piece],

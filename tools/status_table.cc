@@ -92,8 +92,9 @@ std::string dropped(const Json& counters) {
 std::string lensText(const Json& lens, const Json& counters) {
   const std::string state = textAt(lens, "state");
   std::string text = state + ", focal length " + fixed(numberAt(lens, "fx"), 1) + " px";
+  const double sigma_percent = numberAt(lens, "focal_sigma_percent");
+  if (sigma_percent > 0.0) text += " to " + fixed(sigma_percent, 2) + " %";
   if (state == "given") return text;
-  text += " to " + fixed(numberAt(lens, "focal_sigma_percent"), 2) + " %";
   const double cells = numberAt(counters, "slam.image_cells_seen");
   text += ", markers in " + fixed(100.0 * cells / slam::CornerCoverage::kCells, 0) +
           " % of the image so far";

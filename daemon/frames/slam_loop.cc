@@ -121,7 +121,7 @@ void SlamLoop::recordLens() {
   const slam::LensKnowledge& known = slam_->lens();
   record_.lens = {.calibration = slam_->camera().calibration(),
                   .state = known.state,
-                  .focal_sigma = known.state == slam::LensState::kGiven ? 0.0 : known.focalShare(),
+                  .focal_sigma = known.focalShare(),
                   .rms_before_px = known.rms_before_px,
                   .rms_after_px = known.rms_after_px,
                   .changes = known.changes};

@@ -1,6 +1,9 @@
 #include "io/calibrations/calibration_file.h"
 
 #include <algorithm>
+#include <array>
+#include <cstddef>
+#include <span>
 #include <string>
 #include <utility>
 #include <vector>
@@ -15,6 +18,8 @@
 
 namespace waymark::io {
 namespace {
+
+constexpr const char* kCovariance = "intrinsics_covariance";
 
 struct Place {
   std::filesystem::path file;
@@ -61,6 +66,13 @@ void readModel(const JsonNode& root, slam::Calibration* calibration) {
   }
 }
 
+slam::IntrinsicMatrix readCovariance(const JsonNode& matrix) {
+  using RowMajor = Eigen::Matrix<double, 9, 9, Eigen::RowMajor>;
+  const std::vector<double> values = readMatrix(matrix, 9, 9);
+  if (!matrix.good()) return slam::IntrinsicMatrix::Zero();
+  return Eigen::Map<const RowMajor>(values.data());
+}
+
 slam::Calibration readOpenCvOrRos(const JsonNode& root) {
   slam::Calibration calibration;
   readImageSize(root.at("image_width"), root.at("image_height"), &calibration);
@@ -69,6 +81,7 @@ slam::Calibration readOpenCvOrRos(const JsonNode& root) {
   readModel(root, &calibration);
   const JsonNode d = root.at("distortion_coefficients");
   takeDistortion(readMatrix(d, 0, 0), d, &calibration);
+  if (root.has(kCovariance)) calibration.covariance = readCovariance(root.at(kCovariance));
   return calibration;
 }
 
@@ -96,6 +109,18 @@ Result<slam::Calibration> parseOf(const std::string& camera, const std::string& 
   return calibration;
 }
 
+// As cv::FileStorage writes it, but with the shortest numbers that read back.
+std::string matrixText(const char* key, int rows, int columns, std::span<const double> values) {
+  std::string text = std::string(key) + ": !!opencv-matrix\n   rows: " + std::to_string(rows) +
+                     "\n   cols: " + std::to_string(columns) + "\n   dt: d\n   data: [ ";
+  const char* separator = "";
+  for (const double value : values) {
+    text += separator + roundTrip(value);
+    separator = ", ";
+  }
+  return text + " ]\n";
+}
+
 }  // namespace
 
 Result<slam::Calibration> readCalibration(const std::filesystem::path& path) {
@@ -116,22 +141,19 @@ std::string formatCalibration(const slam::Calibration& calibration) {
       std::any_of(c.distortion.begin() + 5, c.distortion.end(), [](double v) { return v != 0.0; });
   const int coefficients = fisheye ? 4 : (rational ? 8 : 5);
 
-  // As cv::FileStorage writes it, but with the shortest numbers that read back.
   std::string text = "%YAML:1.0\n---\n";
   text += "image_width: " + std::to_string(c.width) + "\n";
   text += "image_height: " + std::to_string(c.height) + "\n";
-  text += "camera_matrix: !!opencv-matrix\n   rows: 3\n   cols: 3\n   dt: d\n";
-  text += "   data: [ " + roundTrip(c.fx) + ", 0., " + roundTrip(c.cx) + ", 0., " +
-          roundTrip(c.fy) + ", " + roundTrip(c.cy) + ", 0., 0., 1. ]\n";
+  const std::array<double, 9> K = {c.fx, 0.0, c.cx, 0.0, c.fy, c.cy, 0.0, 0.0, 1.0};
+  text += matrixText("camera_matrix", 3, 3, K);
   text += "distortion_model: ";
   text += fisheye ? "fisheye_equidistant\n" : (rational ? "rational_polynomial\n" : "plumb_bob\n");
-  text += "distortion_coefficients: !!opencv-matrix\n   rows: 1\n   cols: " +
-          std::to_string(coefficients) + "\n   dt: d\n   data: [ ";
-  for (int i = 0; i < coefficients; ++i) {
-    if (i > 0) text += ", ";
-    text += roundTrip(c.distortion[static_cast<std::size_t>(i)]);
+  text += matrixText("distortion_coefficients", 1, coefficients,
+                     std::span(c.distortion).first(static_cast<std::size_t>(coefficients)));
+  if (c.covariance) {  // symmetric: by columns as by rows
+    text += matrixText(kCovariance, 9, 9, {c.covariance->data(), 81});
   }
-  return text + " ]\n";
+  return text;
 }
 
 Status writeCalibration(const std::filesystem::path& path, const slam::Calibration& calibration) {

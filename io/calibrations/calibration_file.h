@@ -15,6 +15,8 @@ namespace waymark::io {
 //   distortion_coefficients (4, 5 or 8 of them; 12 or 14 when those after the eighth are zero), and
 //   optionally distortion_model: plumb_bob, radtan or rational_polynomial (the default), or
 //   equidistant, fisheye or fisheye_equidistant (4 coefficients); or OpenCV's fisheye_model: 1;
+//   and, which other programs pass over, intrinsics_covariance (9x9, of fx fy cx cy k1 k2 p1 p2 k3,
+//   or of fx fy cx cy k1 k2 k3 k4 and a zero): how well they are known;
 // - a camera_info message as ROS prints it (ros_calibration.h);
 // - a camchain of Kalibr (kalibr_calibration.h). Of several cameras, "FILE#cam1" names one.
 // The error names the file and the key.

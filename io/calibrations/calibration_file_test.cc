@@ -20,6 +20,13 @@ std::string matrix(const std::string& key, int rows, int cols, const std::string
          "\n   cols: " + std::to_string(cols) + "\n   dt: d\n   data: [ " + data + " ]\n";
 }
 
+// Of 9 rows; the first entry as given, the others 1.
+std::string diagonal(double first) {
+  std::string text = std::to_string(first);
+  for (int i = 1; i < 81; ++i) text += i % 10 == 0 ? ", 1." : ", 0.";
+  return text;
+}
+
 struct Yaml {
   std::string size = "image_width: 640\nimage_height: 480\n";
   std::string camera = matrix("camera_matrix", 3, 3, "600., 0., 320., 0., 610., 240., 0., 0., 1.");
@@ -281,6 +288,12 @@ TEST(CalibrationFile, EveryFaultNamesItsKey) {
        "distortion_coefficients.data[1]: must be a number"},
       {&Yaml::model, "distortion_model: barrel\n", "distortion_model: 'barrel' is unknown"},
       {&Yaml::model, "distortion_model: equidistant\n", "an equidistant lens has 4"},
+      {&Yaml::model, matrix("intrinsics_covariance", 2, 2, "1., 0., 0., 1."),
+       "intrinsics_covariance: is 2x2, must be 9x9"},
+      {&Yaml::model, matrix("intrinsics_covariance", 9, 9, "1., 2."),
+       "intrinsics_covariance.data: must be 81 numbers"},
+      {&Yaml::model, matrix("intrinsics_covariance", 9, 9, diagonal(-1.0)),
+       "covariance of the intrinsics"},
   };
   for (const Case& c : cases) {
     Yaml yaml;
@@ -321,11 +334,14 @@ TEST(CalibrationFile, WrittenFilesReadBackBitForBit) {
   }
   c.model = slam::DistortionModel::kEquidistant;
   c.distortion = {0.1, 0.2, 0.3, 0.4};
+  c.covariance = slam::IntrinsicMatrix::Zero();  // the ninth means nothing
+  for (int i = 0; i < 8; ++i) {
+    for (int j = 0; j < 8; ++j) (*c.covariance)(i, j) = (i == j ? 1.0 : 0.1) / (3.0 + i + j);
+  }
   ASSERT_TRUE(writeCalibration(directory / "c.yml", c).ok());
   const Result<slam::Calibration> back = readCalibration(directory / "c.yml");
   ASSERT_TRUE(back.ok()) << back.error().message;
-  EXPECT_EQ(back->model, c.model);
-  EXPECT_EQ(back->distortion, c.distortion);
+  EXPECT_EQ(*back, c);
 }
 
 TEST(CalibrationFile, CameraInfoReadsBackBitForBit) {

@@ -24,8 +24,7 @@ BundleOptions ungated(BundleOptions options) {
 // Beginning with that one, in whatever model it is.
 void freeLens(const CameraModel& beginning, const LensProblem& lens, BundleProblem* problem) {
   const CameraModel expected = expectedAs(lens.expected, !lens.any_model, beginning);
-  problem->lens = {beginning, lens.in_use, expected.intrinsics(), lens.prior.sigmas(expected),
-                   lens.prior.aspect_share};
+  problem->lens = {beginning, lens.in_use, expected.intrinsics(), lens.prior.covariance(expected)};
 }
 
 int keyframesSince(const Map& map, std::int64_t since_ns) {
@@ -41,7 +40,7 @@ void holdMarkers(BundleProblem* problem) {
 
 void holdLens(const LensProblem& lens, BundleProblem* problem) {
   problem->lens->expected = lens.in_use.intrinsics();
-  problem->lens->sigma.setZero();
+  problem->lens->covariance.setZero();
 }
 
 // As seen from the first camera.
@@ -202,6 +201,15 @@ Task<std::optional<LensEstimate>> estimateLens(const Map& map, const MarkerOptio
   }
   std::optional<Settled> settled = co_await settle(std::move(part.problem), options, budget);
   if (!settled) co_return std::nullopt;
+  const CameraModel& found = settled->adjuster.problem().lens->camera;
+  const CameraModel expected = lens.prior.expectedGiven(lens.expected, found);
+  if (expected.calibration() != lens.expected.calibration()) {  // it holds what was found too fast
+    lens.expected = expected;
+    BundleProblem problem = settled->adjuster.problem();
+    freeLens(found, lens, &problem);
+    settled = co_await settle(std::move(problem), options, budget);
+    if (!settled) co_return std::nullopt;
+  }
   if (lens.any_model)
     settled = co_await bestFromAnywhere(lens, options, std::move(*settled), budget);
   BundleAdjuster& adjuster = settled->adjuster;

@@ -207,6 +207,54 @@ TEST_F(LensEstimatorTest, IsAsWrongAsItSays) {
   EXPECT_NEAR(nees / kRuns, 9.0, 3.0 * sigma);
 }
 
+// Measured to that share of the focal length; all else is known as well as any lens is.
+CameraModel measured(const CameraModel& lens, double focal_share) {
+  LensPrior prior;
+  prior.focal_share = focal_share;
+  prior.since_focal_share = prior.since_centre_share = 0.0;
+  Calibration c = lens.calibration();
+  c.covariance = prior.covariance(asUnmeasured(lens));
+  return CameraModel(c);
+}
+
+// What a calibration says of itself counts as far as what is found does not contradict it.
+TEST_F(LensEstimatorTest, AMeasuredLensIsHeldAsWellAsItWasMeasured) {
+  const LensOptions options;
+  see(measured(truth_, 1e-4));
+  const auto estimated = [&](const CameraModel& expected) {
+    return runToCompletion([&](Budget* budget) {
+      return estimateLens(map_, markers_, {camera_, expected, options.prior, 0.0, true, 1000},
+                          kBundle, budget);
+    });
+  };
+  const auto found = estimated(camera_);
+  const auto of_any = estimated(asUnmeasured(camera_));
+  ASSERT_TRUE(found && of_any);
+  EXPECT_LT(found->focalShare(), 0.9 * of_any->focalShare());
+  const double sure = std::hypot(1e-4, options.prior.since_focal_share);
+  EXPECT_LT(found->focalShare(), 1.01 * sure);
+  // Twenty times as far off as it says.
+  see(measured(shifted(truth_, 0.02, 0.0, 0.0), 1e-3));
+  const auto corrected = estimated(camera_);
+  ASSERT_TRUE(corrected);
+  EXPECT_LT(std::abs(corrected->camera.calibration().fx - truth_.calibration().fx),
+            3.0 * std::sqrt(corrected->covariance(0, 0)));
+  LensEstimator estimator = this->estimator(options);
+  EXPECT_TRUE(estimator.estimateNow(shutter_, kBundle, &map_));
+  EXPECT_LT(std::abs(focalError()), 1e-3);
+}
+
+TEST_F(LensEstimatorTest, WhatACalibrationSaysOfItselfIsWhatIsKnownAtFirst) {
+  const CameraModel lens = measured(truth_, 1e-3);
+  const LensKnowledge known = LensKnowledge::of(lens, /*exact=*/false);
+  EXPECT_EQ(known.state, LensState::kGiven);
+  EXPECT_NEAR(known.focalShare(), 1e-3, 5e-4);
+  EXPECT_EQ(known.calibrationOf(lens), lens.calibration());
+  const LensKnowledge exact = LensKnowledge::of(lens, /*exact=*/true);
+  EXPECT_EQ(exact.focalShare(), 0.0);
+  EXPECT_EQ(LensKnowledge::of(truth_, false).focalShare(), 0.0);
+}
+
 // Markers on one plane, all seen frontally from one distance: nothing tells the focal length.
 TEST_F(LensEstimatorTest, WhatTheSceneDoesNotTellStaysAsGiven) {
   std::vector<testing::SyntheticMarker> markers;

@@ -1,32 +1,65 @@
 #include "slam/camera/lens_knowledge.h"
 
-#include <numbers>
-
 #include "slam/option_checks.h"
 
 namespace waymark::slam {
+namespace {
 
-IntrinsicVector LensPrior::sigmas(const CameraModel& expected) const {
-  const Calibration& c = expected.calibration();
-  const double centre_px = centre_share * c.width;
-  // Where pixels are known to be squares, fx and fy speak of one length: each by itself says half.
-  const double focal = aspect_share > 0.0 ? std::numbers::sqrt2 * focal_share : focal_share;
+// Of any lens, by the shares.
+IntrinsicMatrix ordinary(const LensPrior& prior, const Calibration& c) {
+  const double centre_px = prior.centre_share * c.width;
   IntrinsicVector sigmas;
-  sigmas << focal * c.fx, focal * c.fy, centre_px, centre_px, radial, higher_radial, tangential,
-      tangential, higher_radial;
+  sigmas << prior.focal_share * c.fx, prior.focal_share * c.fy, centre_px, centre_px, prior.radial,
+      prior.higher_radial, prior.tangential, prior.tangential, prior.higher_radial;
   if (c.model == DistortionModel::kEquidistant) {
     // Of a polynomial in the angle, which is more than 1 in a wide image's corners, the highest
     // terms could fold the image there, where markers seldom are; lenses have little of them.
-    sigmas.tail<5>() << radial, higher_radial, 0.5 * higher_radial, 0.2 * higher_radial, 0.0;
+    sigmas.tail<5>() << prior.radial, prior.higher_radial, 0.5 * prior.higher_radial,
+        0.2 * prior.higher_radial, 0.0;
   }
-  return sigmas;
+  IntrinsicMatrix covariance = sigmas.cwiseAbs2().asDiagonal();
+  if (prior.aspect_share > 0.0 && prior.focal_share > 0.0) {
+    // fx and fy speak of one length, and of their ratio.
+    const Eigen::Vector2d together = prior.focal_share * Eigen::Vector2d(c.fx, c.fy);
+    const Eigen::Vector2d apart = 0.5 * prior.aspect_share * Eigen::Vector2d(c.fx, -c.fy);
+    covariance.topLeftCorner<2, 2>() = together * together.transpose() + apart * apart.transpose();
+  }
+  return covariance;
+}
+
+// As it was measured, and what has changed since.
+IntrinsicMatrix measured(const LensPrior& prior, const Calibration& c) {
+  IntrinsicVector focal = IntrinsicVector::Zero();
+  focal.head<2>() = prior.since_focal_share * Eigen::Vector2d(c.fx, c.fy);
+  IntrinsicMatrix covariance = *c.covariance + focal * focal.transpose();
+  const double centre_px = prior.since_centre_share * c.width;
+  covariance.diagonal().segment<2>(2).array() += centre_px * centre_px;
+  return covariance;
+}
+
+}  // namespace
+
+IntrinsicMatrix LensPrior::covariance(const CameraModel& expected) const {
+  const Calibration& c = expected.calibration();
+  return c.covariance ? measured(*this, c) : ordinary(*this, c);
+}
+
+CameraModel LensPrior::expectedGiven(const CameraModel& expected, const CameraModel& found) const {
+  const Calibration& c = expected.calibration();
+  if (!c.covariance) return expected;
+  if (found.calibration().model != c.model) return asUnmeasured(expected);
+  const IntrinsicVector apart = found.intrinsics() - expected.intrinsics();
+  const double chi2 = apart.dot(informationOf(covariance(expected)) * apart);
+  return chi2 <= max_measured_chi2 ? expected : asUnmeasured(expected);
 }
 
 std::string LensPrior::invalidReason() const {
   return firstUnmet({
       {isNotNegative(focal_share) && isNotNegative(aspect_share) && isNotNegative(centre_share) &&
-           isNotNegative(radial) && isNotNegative(higher_radial) && isNotNegative(tangential),
+           isNotNegative(radial) && isNotNegative(higher_radial) && isNotNegative(tangential) &&
+           isNotNegative(since_focal_share) && isNotNegative(since_centre_share),
        "the sigmas of a lens must not be negative"},
+      {isPositive(max_measured_chi2), "the chi-square of a measured lens must be positive"},
   });
 }
 
@@ -42,11 +75,24 @@ const char* stateName(LensState state) {
   return "";
 }
 
+LensKnowledge LensKnowledge::of(const CameraModel& given, bool exact) {
+  LensKnowledge knowledge{.given = exact ? asUnmeasured(given) : given};
+  knowledge.covariance = knowledge.given.calibration().covariance.value_or(knowledge.covariance);
+  knowledge.focal_px = given.calibration().fx;
+  return knowledge;
+}
+
 const CameraModel& LensKnowledge::at(std::int64_t time_ns, const CameraModel& in_use) const {
   for (const EarlierLens& lens : earlier) {
     if (time_ns < lens.until_ns) return lens.camera;
   }
   return in_use;
+}
+
+Calibration LensKnowledge::calibrationOf(const CameraModel& in_use) const {
+  Calibration c = in_use.calibration();
+  if (!covariance.isZero(0.0)) c.covariance = covariance;
+  return c;
 }
 
 void LensKnowledge::adopt(const CameraModel& found, const IntrinsicMatrix& its_covariance,
@@ -58,6 +104,12 @@ void LensKnowledge::adopt(const CameraModel& found, const IntrinsicMatrix& its_c
   rms_after_px = after_px;
   ++changes;
   state = focalShare() <= learned_focal_share ? LensState::kLearned : LensState::kLearning;
+}
+
+CameraModel asUnmeasured(const CameraModel& camera) {
+  Calibration c = camera.calibration();
+  c.covariance.reset();
+  return CameraModel(c);
 }
 
 bool coversImage(const CameraModel& camera) {

@@ -12,8 +12,6 @@
 
 namespace waymark::slam {
 
-using IntrinsicMatrix = Eigen::Matrix<double, 9, 9>;
-
 // How well a calibration is known before the map has anything to say of it: standard deviations.
 struct LensPrior {
   // Of the focal length, as a share of it. An autofocus, or another copy of the same camera, is
@@ -32,9 +30,21 @@ struct LensPrior {
   double higher_radial = 0.06;
   // Of the tangential ones: lenses are mounted straight.
   double tangential = 0.001;
+  // Of a calibration that says itself how well it was measured, what may have changed since then,
+  // by warmth and handling: of the focal length as a share of it, of the centre as a share of the
+  // image's width. Larger makes less of the measurement.
+  double since_focal_share = 5e-4;
+  double since_centre_share = 5e-4;
+  // One that is further from what is found than this is held no more than any other, as chi-square
+  // of the nine intrinsics: once in 1,000 by chance.
+  double max_measured_chi2 = 28.0;
 
-  // In the order of IntrinsicVector.
-  [[nodiscard]] IntrinsicVector sigmas(const CameraModel& expected) const;
+  // Of the lens that is expected, in the order of IntrinsicVector; zero for what is known exactly.
+  [[nodiscard]] IntrinsicMatrix covariance(const CameraModel& expected) const;
+  // The lens that is expected, given what was found: not as somebody has measured it, if that is
+  // another one.
+  [[nodiscard]] CameraModel expectedGiven(const CameraModel& expected,
+                                          const CameraModel& found) const;
   // Empty when usable, else what is wrong.
   [[nodiscard]] std::string invalidReason() const;
 };
@@ -58,7 +68,8 @@ struct EarlierLens {
 struct LensKnowledge {
   LensState state = LensState::kGiven;
   CameraModel given;  // or guessed
-  // Of the intrinsics in use; zero as long as they are believed as given.
+  // Of the intrinsics in use. As long as they are believed as given, what their calibration says,
+  // and zero if it says nothing.
   IntrinsicMatrix covariance = IntrinsicMatrix::Zero();
   // RMS of the whitened residuals' corners before and after the last change, pixels.
   double focal_px = 1.0;      // that it is the covariance of
@@ -71,15 +82,23 @@ struct LensKnowledge {
   std::int64_t since_ns = std::numeric_limits<std::int64_t>::min();
   std::vector<EarlierLens> earlier{};
 
+  // Before the map has said anything. exact: whatever the calibration says of itself.
+  [[nodiscard]] static LensKnowledge of(const CameraModel& given, bool exact);
+
   [[nodiscard]] bool changedUnderWay() const { return !earlier.empty(); }
   // Of a frame, given the one in use.
   [[nodiscard]] const CameraModel& at(std::int64_t time_ns, const CameraModel& in_use) const;
+  // With what is known of it, for a file.
+  [[nodiscard]] Calibration calibrationOf(const CameraModel& in_use) const;
   // The caller puts it in use.
   void adopt(const CameraModel& found, const IntrinsicMatrix& its_covariance, double before_px,
              double after_px, double learned_focal_share);
   // Standard deviation of the focal length in use, as a share of it.
   [[nodiscard]] double focalShare() const { return std::sqrt(covariance(0, 0)) / focal_px; }
 };
+
+// The same lens, that nobody has measured.
+[[nodiscard]] CameraModel asUnmeasured(const CameraModel& camera);
 
 // Whether a lens sees all of the image: it has an inverse up to the corners.
 [[nodiscard]] bool coversImage(const CameraModel& camera);

@@ -32,6 +32,7 @@ CameraModel withoutDistortion(DistortionModel model, const CameraModel& guess) {
   Calibration c = guess.calibration();
   c.model = model;
   c.distortion = {};
+  c.covariance.reset();
   return CameraModel(c);
 }
 

@@ -14,11 +14,11 @@ std::string IntrinsicPriors::invalidReason() const {
         "the sigmas of the intrinsics must not be negative"}});
 }
 
-IntrinsicVector IntrinsicPriors::sigmas() const {
+IntrinsicMatrix IntrinsicPriors::covariance() const {
   IntrinsicVector sigmas;
   sigmas << focal_px, focal_px, centre_px, centre_px, distortion, distortion, distortion,
       distortion, distortion;
-  return sigmas;
+  return sigmas.cwiseAbs2().asDiagonal();
 }
 
 BundleSummary optimizeGloballyWithIntrinsics(Map* map, const MarkerOptions& markers,
@@ -26,8 +26,7 @@ BundleSummary optimizeGloballyWithIntrinsics(Map* map, const MarkerOptions& mark
                                              const BundleOptions& options, CameraModel* camera) {
   Subproblem part =
       runToCompletion([&](Budget* a) { return buildSubproblem(*map, wholeMap(*map), markers, a); });
-  part.problem.lens = {*camera, *camera, expected.intrinsics, expected.sigma,
-                       expected.aspect_sigma};
+  part.problem.lens = {*camera, *camera, expected.intrinsics, expected.covariance};
   BundleAdjuster adjuster(std::move(part.problem), options);
   const BundleSummary summary = runToCompletion([&](Budget* a) { return adjuster.run(a); });
   const MapCorrection correction =

@@ -16,7 +16,7 @@ struct IntrinsicPriors {
   double centre_px = 3.0;
   double distortion = 0.01;  // of every coefficient
 
-  [[nodiscard]] IntrinsicVector sigmas() const;
+  [[nodiscard]] IntrinsicMatrix covariance() const;
   // Empty when usable, else what is wrong.
   [[nodiscard]] std::string invalidReason() const;
 };
@@ -24,8 +24,7 @@ struct IntrinsicPriors {
 // Where the intrinsics are expected, and how well that is known: as BundleProblem::Lens has it.
 struct ExpectedLens {
   IntrinsicVector intrinsics = IntrinsicVector::Zero();
-  IntrinsicVector sigma = IntrinsicVector::Zero();
-  double aspect_sigma = 0.0;
+  IntrinsicMatrix covariance = IntrinsicMatrix::Zero();
 };
 
 // As optimizeGlobally(), with the intrinsics as unknowns (Eq. 41). On success *camera, which

@@ -39,7 +39,7 @@ TEST(LensOptimizer, TheLensAndTheCornersFollow) {
   undistortAgain(lens, 0.0, &map);
   const double before = testing::costOf(testing::wholeMapFit(map));
   const BundleSummary summary = optimizeGloballyWithIntrinsics(
-      &map, {.size_m = kSize}, {lens.intrinsics(), IntrinsicPriors{}.sigmas()}, 0.0, kToTheEnd,
+      &map, {.size_m = kSize}, {lens.intrinsics(), IntrinsicPriors{}.covariance()}, 0.0, kToTheEnd,
       &lens);
   ASSERT_FALSE(summary.failed);
   EXPECT_LT(std::abs(lens.calibration().fx - truth.calibration().fx), 1.0);

@@ -23,18 +23,6 @@ CameraModel withFocal(const CameraModel& camera, double share, DistortionModel m
   return CameraModel(c);
 }
 
-// What is known of a lens that no marker has been seen through: of the focal length, and of the
-// ratio of fx and fy.
-IntrinsicMatrix priorCovariance(const LensPrior& prior, const CameraModel& expected) {
-  const double focal_px = expected.focalLength();
-  const double focal = std::pow(prior.focal_share * focal_px, 2);
-  const double ratio = std::pow(prior.aspect_share * focal_px, 2);
-  IntrinsicMatrix covariance = prior.sigmas(expected).cwiseAbs2().asDiagonal();
-  covariance.topLeftCorner<2, 2>() << focal + 0.25 * ratio, focal - 0.25 * ratio,
-      focal - 0.25 * ratio, focal + 0.25 * ratio;
-  return covariance;
-}
-
 }  // namespace
 
 std::string LensStartOptions::invalidReason() const {
@@ -69,7 +57,7 @@ std::optional<StartingLens> LensStart::process(std::span<const MarkerDetection> 
   const std::optional<StartingLens> best = bestLens();
   if (!best) {
     if (frames_ < 2 * options_.frames) return std::nullopt;
-    return StartingLens{guess_, priorCovariance(prior_, guess_)};
+    return StartingLens{guess_, prior_.covariance(guess_)};
   }
   const bool enough = best->focalShare() <= options_.enough_share;
   return enough || frames_ >= options_.frames ? best : std::nullopt;
@@ -117,7 +105,7 @@ std::optional<StartingLens> LensStart::estimate(const CameraModel& from, double*
     problem.observations.push_back({0, marker, &seen.back()});
   }
   if (problem.observations.empty()) return std::nullopt;
-  problem.lens = {from, from, guess_.intrinsics(), prior_.sigmas(guess_), prior_.aspect_share};
+  problem.lens = {from, from, guess_.intrinsics(), prior_.covariance(guess_)};
   BundleAdjuster adjuster(std::move(problem), options_.optimization);
   const BundleSummary summary =
       runToCompletion([&](Budget* budget) { return adjuster.run(budget); });

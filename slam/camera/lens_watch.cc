@@ -84,9 +84,10 @@ void LensWatch::work(double cost, const RollingShutterEstimator& shutter,
   if (map_grows_ && knowledge_->state == LensState::kLearning) return;
   if (!estimate_ && asks() && static_cast<int>(seen_.keyframes().size()) >= next_frames_) {
     settled_ = next_frames_ >= options_.watch.max_frames;
+    const CameraModel before = map_grows_ ? asUnmeasured(*camera_) : *camera_;  // it has changed
     next_frames_ = std::min(2 * next_frames_, options_.watch.max_frames);
     LensProblem problem{.in_use = *camera_,
-                        .expected = isMeasured() ? *camera_ : knowledge_->given,
+                        .expected = isMeasured() ? before : knowledge_->given,
                         .prior = options_.prior,
                         .readout_s = shutter.seconds(),
                         .readout_known = shutter.isGiven(),

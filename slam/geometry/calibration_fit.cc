@@ -25,6 +25,11 @@ std::optional<Calibration> scaled(const Calibration& c, int width, int height) {
   result.fy = c.fy * sy;
   result.cx = scaledCentre(c.cx, sx);
   result.cy = scaledCentre(c.cy, sy);
+  if (c.covariance) {
+    IntrinsicVector by = IntrinsicVector::Ones();
+    by.head<4>() << sx, sy, sx, sy;
+    result.covariance = by.asDiagonal() * *c.covariance * by.asDiagonal();
+  }
   return result;
 }
 

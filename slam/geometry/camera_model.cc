@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include <Eigen/Cholesky>
 #include <Eigen/LU>
 
 namespace waymark::slam {
@@ -62,7 +63,30 @@ double monotonicRadius(const Calibration& c) {
   return kLargestRadius;
 }
 
+// Symmetric, and positive definite where it is not zero, as for what is exact.
+bool isCovariance(const IntrinsicMatrix& P) {
+  if (!P.allFinite() || (P.diagonal().array() < 0.0).any()) return false;
+  const IntrinsicVector sigmas = P.diagonal().cwiseSqrt();
+  IntrinsicMatrix correlation = IntrinsicMatrix::Identity();
+  for (Eigen::Index i = 0; i < P.rows(); ++i) {
+    for (Eigen::Index j = 0; j < P.cols(); ++j) {
+      if (i == j) continue;
+      const double unit = sigmas[i] * sigmas[j];
+      if (unit == 0.0 && P(i, j) != 0.0) return false;
+      correlation(i, j) = unit == 0.0 ? 0.0 : P(i, j) / unit;
+    }
+  }
+  constexpr double kRounding = 1e-9;
+  return (correlation - correlation.transpose()).cwiseAbs().maxCoeff() < kRounding &&
+         correlation.llt().info() == Eigen::Success;
+}
+
 }  // namespace
+
+IntrinsicMatrix informationOf(IntrinsicMatrix covariance) {
+  covariance.diagonal() = covariance.diagonal().cwiseMax(1.0 / kExactInformation);
+  return covariance.ldlt().solve(IntrinsicMatrix::Identity());
+}
 
 std::string Calibration::invalidReason() const {
   if (width <= 0 || height <= 0) return "image size must be positive";
@@ -85,6 +109,9 @@ std::string Calibration::invalidReason() const {
   }
   if (cx < 0.0 || cy < 0.0 || cx >= width || cy >= height) {
     return "principal point lies outside the image";
+  }
+  if (covariance && !isCovariance(*covariance)) {
+    return "the covariance of the intrinsics is not symmetric and positive";
   }
   return {};
 }
@@ -132,6 +159,7 @@ Calibration CameraModel::withIntrinsics(const IntrinsicVector& v) const {
   for (std::size_t i = 0; i < coefficients; ++i) {
     c.distortion[i] = v[4 + static_cast<Eigen::Index>(i)];
   }
+  c.covariance.reset();
   return c;
 }
 

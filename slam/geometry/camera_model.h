@@ -19,23 +19,32 @@ enum class DistortionModel {
   kEquidistant,
 };
 
+// What global optimization may change (delta of seed 1, Eq. 8): fx fy cx cy, then k1 k2 p1 p2 k3 of
+// a rational lens or k1 k2 k3 k4 of an equidistant one, whose ninth entry is 0 and means nothing.
+using IntrinsicVector = Eigen::Matrix<double, 9, 1>;
+using IntrinsicMatrix = Eigen::Matrix<double, 9, 9>;
+using IntrinsicJacobian = Eigen::Matrix<double, 2, 9>;
+
+// The inverse of a covariance of intrinsics. What has no variance, and so is known exactly, gets a
+// weight that no data outvotes.
+inline constexpr double kExactInformation = 1e16;
+[[nodiscard]] IntrinsicMatrix informationOf(IntrinsicMatrix covariance);
+
 struct Calibration {
   int width = 0;                                  // pixels
   int height = 0;                                 // pixels
   double fx = 0.0, fy = 0.0, cx = 0.0, cy = 0.0;  // pixels
   DistortionModel model = DistortionModel::kRational;
   std::array<double, 8> distortion{};
+  // Of the intrinsics (IntrinsicVector), the other coefficients being as they are; as whoever has
+  // measured them says. Empty where nobody does.
+  std::optional<IntrinsicMatrix> covariance{};
 
   friend bool operator==(const Calibration&, const Calibration&) = default;
 
   // Empty when usable, else the reason it is not.
   [[nodiscard]] std::string invalidReason() const;
 };
-
-// What global optimization may change (delta of seed 1, Eq. 8): fx fy cx cy, then k1 k2 p1 p2 k3 of
-// a rational lens or k1 k2 k3 k4 of an equidistant one, whose ninth entry is 0 and means nothing.
-using IntrinsicVector = Eigen::Matrix<double, 9, 1>;
-using IntrinsicJacobian = Eigen::Matrix<double, 2, 9>;
 
 class CameraModel {
  public:
@@ -53,7 +62,7 @@ class CameraModel {
                                         Eigen::Matrix2d* jacobian = nullptr) const;
 
   [[nodiscard]] IntrinsicVector intrinsics() const;
-  // The same lens with other intrinsics.
+  // The same lens with other intrinsics, which nobody has measured.
   [[nodiscard]] Calibration withIntrinsics(const IntrinsicVector& intrinsics) const;
   // d pixel / d intrinsics of distort().
   [[nodiscard]] IntrinsicJacobian intrinsicJacobian(const Eigen::Vector2d& normalized) const;

@@ -126,6 +126,17 @@ void Map::quarantine(int marker_id) {
   removeLinksTo(marker_id);
 }
 
+void Map::forgetMoves() {
+  for (auto& [id, marker] : markers_) {
+    const bool banned_for_moves =
+        marker.state == MarkerState::kBanned && !marker.former_poses.empty();
+    if (banned_for_moves || marker.state == MarkerState::kQuarantined) {
+      marker.state = MarkerState::kUnresolved;
+    }
+    marker.former_poses.clear();
+  }
+}
+
 void Map::ban(int marker_id) {
   withoutPose(MarkerState::kBanned, &markers_.at(marker_id));
   removeLinksTo(marker_id);

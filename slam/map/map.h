@@ -135,6 +135,9 @@ class Map {
   }
   // Its pose goes to the former ones, where it has one.
   void quarantine(int marker_id);
+  // No marker has ever been in quarantine. One that is, or that was banned for its moves, which its
+  // former poses tell, is unresolved again.
+  void forgetMoves();
   // Its pose goes.
   void ban(int marker_id);
   // Another piece has it, or not any more: then it is unresolved. Precondition: it has no pose

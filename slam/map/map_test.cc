@@ -112,6 +112,29 @@ TEST(Map, StateAndPosesGoTogether) {
   EXPECT_TRUE(marker.isSound());
 }
 
+TEST(Map, WhatSeemedToHaveMovedGetsAnotherChance) {
+  Map map;
+  for (const int id : {1, 2, 3, 4}) map.addMarker(id, 0.1);
+  map.quarantine(1);
+  map.place(2, at(1.0));
+  map.quarantine(2);
+  map.place(2, at(1.0));
+  map.ban(2);  // it was back
+  map.ban(3);  // two prints of one id
+  map.place(4, at(2.0));
+  map.quarantine(4);
+  map.place(4, at(3.0));
+  map.forgetMoves();
+  EXPECT_EQ(map.find(1)->state, MarkerState::kUnresolved);
+  EXPECT_EQ(map.find(2)->state, MarkerState::kUnresolved);
+  EXPECT_EQ(map.find(3)->state, MarkerState::kBanned);
+  EXPECT_EQ(map.find(4)->T_w_m->p, at(3.0).p);
+  for (const auto& [id, marker] : map.markers()) {
+    EXPECT_TRUE(marker.former_poses.empty()) << id;
+    EXPECT_TRUE(marker.isSound()) << id;
+  }
+}
+
 TEST(Map, TakesNoMarkerThatIsNotSound) {
   Map map;
   MapMarker marker;

@@ -131,8 +131,6 @@ FinishedWork MapUpdater::collect(Map* map) {
   if (lens_->isDone()) {
     finished.lens_changed =
         add(lens_->collect(*rolling_shutter_, options_.loops.optimization, map));
-    // What did not fit may have been the lens.
-    if (finished.lens_changed) screening_->forgetDisagreements();
   }
   if (asksShutter()) {
     add(rolling_shutter_->collect(camera_, options_.loops.optimization, map));

@@ -104,6 +104,11 @@ bool MarkerScreening::hasMoved(const Disagreement& disagreement, const Map& map)
          map.findPosed(disagreement.marker) != nullptr;
 }
 
+void MarkerScreening::forgetMoves(Map* map) {
+  disagreements_.clear();
+  map->forgetMoves();
+}
+
 bool MarkerScreening::suspectsMoved(const Map& map) const {
   return std::ranges::any_of(disagreements_, [&](const Disagreement& disagreement) {
     return hasMoved(disagreement, map);

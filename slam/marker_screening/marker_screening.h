@@ -65,6 +65,9 @@ class MarkerScreening {
   [[nodiscard]] bool suspectsMoved(const Map& map) const;
   // The map was corrected: whoever disagreed with it may agree now.
   void forgetDisagreements() { disagreements_.clear(); }
+  // What seemed to have moved may have been another lens's doing: it never has, and is no longer
+  // rejected for that.
+  void forgetMoves(Map* map);
   // Quarantines in the map what has disagreed for long enough: its pose goes, and its views, and it
   // is estimated anew. True when the map changed.
   bool quarantineMoved(Map* map, Counters* counters);

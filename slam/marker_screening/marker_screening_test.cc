@@ -167,6 +167,21 @@ TEST_F(MarkerScreeningTest, ACorrectedMapStartsOver) {
   EXPECT_NE(map_.findPosed(1), nullptr);
 }
 
+// Through a wrong lens a marker seems to move, and to be back as the map bends: once the lens is
+// known, that is no reason to reject it.
+TEST_F(MarkerScreeningTest, WhatAnotherLensHasMovedIsForgotten) {
+  mapMarker(1, at(0.0));
+  disagree(1);
+  EXPECT_TRUE(screening_.quarantineMoved(&map_, &counters_));
+  map_.place(1, at(0.5));
+  disagree(1);
+  screening_.forgetMoves(&map_);
+  EXPECT_FALSE(screening_.quarantineMoved(&map_, &counters_));
+  map_.place(1, at(0.0));
+  screening_.checkReturned(1, &map_, &counters_);
+  EXPECT_NE(map_.findPosed(1), nullptr);
+}
+
 TEST_F(MarkerScreeningTest, AMoveToANewPlaceIsNoReasonToReject) {
   mapMarker(1, at(0.0));
   moveTo(1, at(0.3));

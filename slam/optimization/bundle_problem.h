@@ -42,10 +42,8 @@ struct BundleProblem {
     CameraModel camera;     // the unknown, as it is now
     CameraModel seen_with;  // the one that undistorted the detections; does not change
     IntrinsicVector expected = IntrinsicVector::Zero();
-    IntrinsicVector sigma = IntrinsicVector::Zero();  // of expected; 0 keeps a parameter fixed
-    // Of the ratio of the focal lengths, as a share of the expected one: pixels are squares far
-    // more exactly than anybody knows how large they are. 0 for no such knowledge.
-    double aspect_sigma = 0.0;
+    // Of expected; what has no variance stays as expected.
+    IntrinsicMatrix covariance = IntrinsicMatrix::Zero();
   };
 
   // The readout time of a rolling shutter as an unknown (rolling_shutter.h).

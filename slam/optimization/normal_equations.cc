@@ -191,24 +191,15 @@ Vector6d priorError(const BundleProblem& problem, const BundleProblem::Prior& pr
   return prior.T_w_m.localCoordinates(problem.markers[at(prior.marker)].T);
 }
 
-// That pixels are squares, of fx and fy: d (fx / fy), relative to the expected ratio.
-void addAspect(const BundleProblem::Lens& lens, GlobalMatrix* information) {
-  if (!(lens.aspect_sigma > 0.0)) return;
-  const Eigen::Vector2d J(1.0 / lens.expected[0], -1.0 / lens.expected[1]);
-  information->topLeftCorner<2, 2>() += J * J.transpose() / (lens.aspect_sigma * lens.aspect_sigma);
-}
-
-// 1 / sigma^2 of each global; a fixed one gets a weight no data outvotes.
 GlobalMatrix globalInformation(const BundleProblem& problem) {
-  constexpr double kFixed = 1e16;
-  GlobalVector sigma = GlobalVector::Zero();
-  if (problem.lens) sigma.head<9>() = problem.lens->sigma;
-  if (problem.shutter) sigma[9] = problem.shutter->sigma_s;
-  GlobalMatrix information = GlobalMatrix::Zero();
-  for (Eigen::Index i = 0; i < sigma.size(); ++i) {
-    information(i, i) = sigma[i] > 0.0 ? std::min(1.0 / (sigma[i] * sigma[i]), kFixed) : kFixed;
+  GlobalMatrix information = kExactInformation * GlobalMatrix::Identity();
+  if (problem.lens) {
+    information.topLeftCorner<9, 9>() = informationOf(problem.lens->covariance);
   }
-  if (problem.lens) addAspect(*problem.lens, &information);
+  if (problem.shutter && problem.shutter->sigma_s > 0.0) {
+    const double sigma_s = problem.shutter->sigma_s;
+    information(9, 9) = std::min(1.0 / (sigma_s * sigma_s), kExactInformation);
+  }
   return information;
 }
 

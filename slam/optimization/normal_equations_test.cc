@@ -172,8 +172,9 @@ TEST(NormalEquations, TheMatrixMatchesFiniteDifferences) {
     s.anchor(1, Vector6d::Zero(), 0.01, 0.02);
     if (with_lens) {
       s.disturbLens(IntrinsicVector::Zero(), testing::lensSigma());
-      s.problem.lens->sigma[8] = 0.1;
-      s.problem.lens->aspect_sigma = 1e-3;
+      IntrinsicMatrix& covariance = s.problem.lens->covariance;
+      covariance(8, 8) = 0.01;
+      covariance(0, 1) = covariance(1, 0) = 0.99 * std::sqrt(covariance(0, 0) * covariance(1, 1));
     }
     const auto whitened = whitenViews(s.problem);
     const Eigen::MatrixXd H = wholeMatrix(s.problem, linearized(s.problem, whitened, kNoKernel));
@@ -201,7 +202,7 @@ TEST(NormalEquations, TheSchurComplementSolvesTheWholeSystem) {
       s.problem.markers[2].fixed = true;
       if (with_lens) {
         s.disturbLens(testing::staleLens(), testing::lensSigma());
-        s.problem.lens->sigma[8] = 0.1;
+        s.problem.lens->covariance(8, 8) = 0.01;
       }
       const NormalEquations equations = linearized(s.problem, whitenViews(s.problem), kNoKernel);
       constexpr double kLambda = 1e-2;

@@ -52,7 +52,7 @@ struct BundleScenario {
         detection.normalized[k] = *wrong.undistort(detection.pixels[k]);
       }
     }
-    problem.lens = {wrong, wrong, expected, sigma};
+    problem.lens = {wrong, wrong, expected, sigma.cwiseAbs2().asDiagonal()};
   }
 
   // A surveyed pose of the marker, `off` from the truth.

@@ -121,12 +121,11 @@ class CeresBundle {
   };
 
   struct LensResidual {
-    BundleProblem::Lens lens;
+    IntrinsicVector expected;
+    IntrinsicMatrix root;  // root^T root is the information
     bool operator()(const double* intrinsics, double* residual) const {
-      for (Eigen::Index i = 0; i < 9; ++i) {
-        const double sigma = lens.sigma[i];
-        residual[i] = sigma > 0.0 ? (intrinsics[i] - lens.expected[i]) / sigma : 0.0;
-      }
+      const Eigen::Map<const IntrinsicVector> v(intrinsics);
+      Eigen::Map<IntrinsicVector>(residual, 9) = root * (v - expected);
       return true;
     }
   };
@@ -141,7 +140,7 @@ class CeresBundle {
     intrinsics_ = lens.camera.intrinsics();
     std::vector<int> fixed;
     for (int i = 0; i < 9; ++i) {
-      if (!(lens.sigma[i] > 0.0)) fixed.push_back(i);
+      if (!(lens.covariance(i, i) > 0.0)) fixed.push_back(i);
     }
     problem_.AddParameterBlock(intrinsics_.data(), 9);
     if (!fixed.empty()) {
@@ -149,7 +148,7 @@ class CeresBundle {
     }
     problem_.AddResidualBlock(
         new ceres::NumericDiffCostFunction<LensResidual, ceres::CENTRAL, 9, 9>(
-            new LensResidual{lens}),
+            new LensResidual{lens.expected, informationOf(lens.covariance).llt().matrixU()}),
         nullptr, intrinsics_.data());
   }
 

@@ -4,6 +4,8 @@
 #include <random>
 #include <vector>
 
+#include <Eigen/Cholesky>
+
 #include "slam/camera/lens_knowledge.h"
 #include "slam/camera/lens_start.h"
 #include "slam/camera/undistort_map.h"
@@ -51,13 +53,10 @@ inline CameraModel wideLensAtFirst(LensKnowledge* knowledge) {
 // Another lens of the same kind, as far off as the prior has it.
 inline CameraModel drawnLens(const CameraModel& truth, const LensPrior& prior, std::mt19937* rng) {
   std::normal_distribution<double> normal;
-  IntrinsicVector v = truth.intrinsics();
-  const IntrinsicVector sigmas = prior.sigmas(truth);
-  const double focal = prior.focal_share * normal(*rng);
-  v[0] *= 1.0 + focal;
-  v[1] *= 1.0 + focal + prior.aspect_share * normal(*rng);
-  for (Eigen::Index i = 2; i < v.size(); ++i) v[i] += sigmas[i] * normal(*rng);
-  return CameraModel(truth.withIntrinsics(v));
+  IntrinsicVector n;
+  for (double& v : n) v = normal(*rng);
+  const Eigen::LLT<IntrinsicMatrix> cholesky(prior.covariance(truth));
+  return CameraModel(truth.withIntrinsics(truth.intrinsics() + cholesky.matrixL() * n));
 }
 
 }  // namespace waymark::slam::testing

@@ -6,6 +6,7 @@
 #include <cstdint>
 #include <cstdio>
 #include <optional>
+#include <random>
 #include <string>
 #include <vector>
 
@@ -17,6 +18,7 @@
 #include "simulator/observed_corners.h"
 #include "simulator/simulation.h"
 #include "slam/camera/lens_start.h"
+#include "slam/camera/undistort_map.h"
 #include "slam/slam.h"
 #include "tests/bench/command_line.h"
 #include "tools/exit_code.h"
@@ -35,6 +37,8 @@ struct Arguments {
   double covariance_cost = slam::MapCovarianceOptions{}.cost_per_frame;
   bool images = false;     // rendered and detected, instead of corners of known noise
   bool calibrated = true;  // else the lens is learned from the markers
+  // How well the calibration was measured, as a share of the focal length, and says so; 0: exactly.
+  double measured_share = 0.0;
 };
 
 // A scene of the simulator, or walls with what can go wrong there, as scripts/evaluate has it.
@@ -54,6 +58,23 @@ simulator::Options optionsOf(const std::string& scene) {
     options.scene = scene;
   }
   return options;
+}
+
+// The lens as somebody has measured it who says how well: all intrinsics in proportion to how
+// well any lens is known.
+slam::CameraModel measured(const slam::CameraModel& truth, double focal_share, std::uint64_t seed) {
+  const slam::LensPrior usual;
+  const double part = focal_share / usual.focal_share;
+  const slam::IntrinsicMatrix covariance = part * part * usual.covariance(truth);
+  std::mt19937 rng(static_cast<unsigned>(seed));
+  std::normal_distribution<double> normal;
+  slam::IntrinsicVector n;
+  for (double& v : n) v = normal(rng);
+  const Eigen::LLT<slam::IntrinsicMatrix> cholesky(covariance);
+  slam::Calibration c =
+      truth.withIntrinsics(truth.intrinsics() + slam::IntrinsicVector(cholesky.matrixL() * n));
+  c.covariance = covariance;
+  return slam::CameraModel(c);
 }
 
 // NEES of what is told of a quantity of 6 dimensions; empty where the covariance is singular.
@@ -104,11 +125,12 @@ void addMarkers(const slam::Map& map, const simulator::Simulation& simulation,
 // What the SLAM is given of a frame: corners with noise, or an image.
 class Source {
  public:
-  // All but the seed must outlive it.
+  // All but the seed must outlive it. given: the lens that the corners are undistorted by.
   Source(const simulator::Simulation& simulation, const slam::CameraModel& camera,
-         const Arguments& arguments, std::uint64_t seed)
+         const slam::CameraModel& given, const Arguments& arguments, std::uint64_t seed)
       : simulation_(simulation),
         camera_(camera),
+        given_(given),
         noise_{.sigma_px = arguments.sigma_px, .seed = seed},
         images_(arguments.images) {}
 
@@ -127,6 +149,7 @@ class Source {
           simulation_.isDark(k) ? std::vector<simulator::Marker>{} : simulation_.visibleMarkers(k);
       detections_ = simulator::observeCorners(camera_, simulation_.poseAt(k), in_view,
                                               static_cast<std::uint64_t>(k), noise_);
+      slam::undistortAgain(given_, &detections_);
       input.detections = detections_;
     }
     return input;
@@ -135,6 +158,7 @@ class Source {
  private:
   const simulator::Simulation& simulation_;
   const slam::CameraModel& camera_;
+  const slam::CameraModel& given_;
   simulator::ObservationOptions noise_;
   bool images_;
   simulator::Simulation::Workspace workspace_;
@@ -156,12 +180,14 @@ Status runOnce(const Arguments& arguments, std::uint64_t seed, SceneReport* repo
   options.covariance.cost_per_frame = arguments.covariance_cost;
   if (!arguments.images) options.covariance.repeated_share = 0.0;  // each view's noise is its own
   if (!arguments.calibrated) options.lens.takeForGuess(false);
-  const slam::CameraModel given =
-      arguments.calibrated
-          ? camera
-          : slam::guessedCamera(camera.width(), camera.height(), std::nullopt, options.lens.start);
+  slam::CameraModel given = camera;
+  if (!arguments.calibrated) {
+    given = slam::guessedCamera(camera.width(), camera.height(), std::nullopt, options.lens.start);
+  } else if (arguments.measured_share > 0.0) {
+    given = measured(camera, arguments.measured_share, seed);
+  }
   slam::Slam slam(given, *slam::Dictionary::byName(asked.dictionary), options);
-  Source source(simulation, camera, arguments, seed);
+  Source source(simulation, camera, given, arguments, seed);
 
   std::optional<slam::Transform> T_w_scene;
   double first_pose_s = 0.0;
@@ -269,6 +295,9 @@ int main(int argc, char** argv) {
       ->check(CLI::NonNegativeNumber);
   app.add_flag("--images", arguments.images, "Rendered images instead of corners");
   app.add_flag("!--no-calibration", arguments.calibrated, "The lens is learned from the markers");
+  app.add_option("--measured", arguments.measured_share,
+                 "How well the calibration was measured, as a share of the focal length")
+      ->check(CLI::Range(0.0, 0.01));
   app.add_option("--duration", arguments.duration_s, "Seconds; without it the scene's")
       ->check(CLI::PositiveNumber);
   if (const auto exit_code = bench::parse(app, argc, argv)) return *exit_code;

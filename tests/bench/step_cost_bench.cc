@@ -114,7 +114,7 @@ struct Views {
   // Lens and readout time are unknowns, too.
   void freeGlobals() {
     const slam::IntrinsicVector expected = camera.intrinsics();
-    problem.lens = {camera, camera, expected, slam::IntrinsicVector::Constant(1e-3)};
+    problem.lens = {camera, camera, expected, 1e-6 * slam::IntrinsicMatrix::Identity()};
     problem.shutter = BundleProblem::Shutter{};
     BundleProblem::Shutter& shutter = *problem.shutter;
     shutter.motion.resize(problem.observations.size());

@@ -278,6 +278,12 @@ Eigen::MatrixXd clusteredCovariance(const Reduced& reduced, const Eigen::MatrixX
   return views / std::max(1.0, views - 1.0) * inverse * pulls * inverse;
 }
 
+Eigen::MatrixXd correlationOf(const Eigen::MatrixXd& covariance) {
+  const Eigen::VectorXd inverse_sigmas =
+      covariance.diagonal().cwiseMax(1e-300).cwiseSqrt().cwiseInverse();
+  return inverse_sigmas.asDiagonal() * covariance * inverse_sigmas.asDiagonal();
+}
+
 // Infinite where the equations have no solution.
 Eigen::MatrixXd covarianceOf(const std::vector<ViewNormal>& normals, double noise) {
   constexpr double kSingular = 1e-14;
@@ -296,12 +302,13 @@ Eigen::MatrixXd covarianceOf(const std::vector<ViewNormal>& normals, double nois
   const Eigen::MatrixXd inverse = scale.asDiagonal() * scaled_inverse * scale.asDiagonal();
   const Eigen::MatrixXd independent = noise * noise * inverse;
   const Eigen::MatrixXd clustered = clusteredCovariance(reduced, inverse);
-  // Of each parameter the larger one: the correlations are the clustered ones'.
-  const Eigen::VectorXd growth = independent.diagonal()
-                                     .cwiseQuotient(clustered.diagonal().cwiseMax(1e-300))
-                                     .cwiseMax(1.0)
-                                     .cwiseSqrt();
-  return growth.asDiagonal() * clustered * growth.asDiagonal();
+  // Of each parameter the larger one. What goes together the views tell, as far as they are more
+  // than the parameters; a few of them would leave no doubt about most of it.
+  const double few = static_cast<double>(n) / static_cast<double>(n + reduced.pulls.size());
+  const Eigen::MatrixXd together =
+      few * correlationOf(independent) + (1.0 - few) * correlationOf(clustered);
+  const Eigen::VectorXd sigmas = independent.diagonal().cwiseMax(clustered.diagonal()).cwiseSqrt();
+  return sigmas.asDiagonal() * together * sigmas.asDiagonal();
 }
 
 double rms(double squared, std::size_t count) {
@@ -385,6 +392,22 @@ Eigen::Matrix2Xd parameterJacobian(const CameraModel& camera, Lens lens,
 
 double Solution::sigma(Eigen::Index parameter) const {
   return std::sqrt(covariance(parameter, parameter));
+}
+
+slam::Calibration Solution::measuredCamera() const {
+  slam::Calibration measured = camera;
+  if (!covariance.allFinite()) return measured;
+  constexpr Eigen::Index kIntrinsics = 9;
+  const Eigen::Index n = std::min(covariance.rows(), kIntrinsics);
+  const Eigen::Index rest = covariance.rows() - n;  // k4, k5, k6, which stay as they are
+  Eigen::MatrixXd P = covariance.topLeftCorner(n, n);
+  if (rest > 0) {
+    const Eigen::MatrixXd across = covariance.topRightCorner(n, rest);
+    P -= across * covariance.bottomRightCorner(rest, rest).ldlt().solve(across.transpose());
+  }
+  measured.covariance = slam::IntrinsicMatrix::Zero();
+  measured.covariance->topLeftCorner(n, n) = 0.5 * (P + P.transpose());
+  return measured;
 }
 
 std::optional<Solution> solveCamera(const std::vector<Eigen::Vector3d>& board,

@@ -56,6 +56,9 @@ struct Solution {
   double rms_px = 0.0;  // of the distances, over all points
 
   [[nodiscard]] double sigma(Eigen::Index parameter) const;
+  // The camera with the covariance of its intrinsics, which it does not have where they are not
+  // determined.
+  [[nodiscard]] slam::Calibration measuredCamera() const;
 };
 
 // From scratch. `board`: the points that the views' indices mean, metres, in z = 0 or nearly so.

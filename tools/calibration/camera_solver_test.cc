@@ -1,5 +1,7 @@
 #include "tools/calibration/camera_solver.h"
 
+#include <cmath>
+#include <cstdio>
 #include <random>
 
 #include <gtest/gtest.h>
@@ -133,6 +135,39 @@ TEST(CameraSolver, RecoversTheTruth) {
     EXPECT_LT(std::abs(error[0]) / c.truth.fx, 1e-3);
     EXPECT_LT(projectionSigma(*solution).worst_px, 1.0);
   }
+}
+
+// Over many calibrations, of many views and of few, the intrinsics are as wrong as the file will
+// say. Beside a lens of more coefficients, those are where they are.
+TEST(CameraSolver, TheMeasuredCameraIsAsWrongAsItSays) {
+  constexpr int kRuns = 40;
+  const Board board{BoardOptions{}};
+  const slam::CameraModel camera(slam::testing::testCalibration());
+  for (const int view_count : {6, 30}) {
+    double nees = 0.0;
+    for (int seed = 0; seed < kRuns; ++seed) {
+      const auto views = observed(board, camera, testing::goodPoses(camera, 0.45, view_count), 0.1,
+                                  static_cast<unsigned>(seed));
+      const auto solution = solveCamera(board.points(), views, 640, 480, Lens::kPlumbBob);
+      ASSERT_TRUE(solution) << seed;
+      const slam::Calibration measured = solution->measuredCamera();
+      ASSERT_TRUE(measured.covariance && measured.invalidReason().empty()) << seed;
+      const slam::IntrinsicVector error =
+          slam::CameraModel(measured).intrinsics() - camera.intrinsics();
+      nees += error.dot(slam::informationOf(*measured.covariance) * error) / kRuns;
+    }
+    std::printf("%d views: NEES %.2f of 9\n", view_count, nees);
+    // Each sigma is the larger one of two estimates: on the safe side.
+    EXPECT_LT(nees, 9.0 + 3.0 * std::sqrt(2.0 * 9.0 / kRuns)) << view_count;
+    EXPECT_GT(nees, 0.3 * 9.0) << view_count;
+  }
+  const auto views =
+      observed(board, slam::CameraModel(wide()), testing::goodPoses(camera, 0.45, 30), 0.1, 3);
+  const auto solution = solveCamera(board.points(), views, 640, 480, Lens::kRational);
+  ASSERT_TRUE(solution);
+  const slam::Calibration measured = solution->measuredCamera();
+  ASSERT_TRUE(measured.covariance && measured.invalidReason().empty());
+  EXPECT_LT((*measured.covariance)(4, 4), solution->covariance(4, 4));
 }
 
 TEST(CameraSolver, AgreesWithOpenCv) {
