@@ -176,6 +176,15 @@ std::string mergeText(const std::string& file, const MergeReport& report) {
   std::string text = file + ": " + std::to_string(report.agreeing.size()) +
                      " shared markers agree, " + io::fixed(1000.0 * report.rms_m, 2) + " mm rms; " +
                      std::to_string(report.added.size()) + " markers are new\n";
+  if (report.bridged > 0) {
+    text +=
+        file + ": joins " + std::to_string(report.bridged) + " of the pieces so far to others\n";
+  }
+  if (report.pieces_apart > 0) {
+    text += file + ": " + std::to_string(report.pieces_apart) + " of its " +
+            std::to_string(report.pieces_joined + report.pieces_apart) +
+            " pieces share too little with the others, and stay pieces of their own\n";
+  }
   if (!report.disagreeing.empty()) {
     text +=
         file + ": these disagree and are left where they were:" + listed(report.disagreeing) + "\n";
@@ -184,7 +193,9 @@ std::string mergeText(const std::string& file, const MergeReport& report) {
   return text;
 }
 
+// The first piece of it.
 std::string optimize(io::MapFile* merged) {
+  if (merged->map.keyframes().empty()) return {};
   const std::string before = io::fixed(reprojectionFit(*merged).rms_px, 3);
   const slam::Options options;
   (void)slam::optimizeGlobally(&merged->map, options.markers, options.global_optimization);
@@ -192,25 +203,35 @@ std::string optimize(io::MapFile* merged) {
          io::fixed(reprojectionFit(*merged).rms_px, 3) + " px after\n";
 }
 
+std::string optimizeAll(io::MapFile* merged) {
+  std::string text = optimize(merged);
+  for (slam::Map& piece : merged->other_pieces) {
+    std::swap(merged->map, piece);
+    text += "piece " + std::to_string(merged->map.piece) + ", " + optimize(merged);
+    std::swap(merged->map, piece);
+  }
+  return text;
+}
+
 Outcome merge(const MergeArguments& arguments) {
   if (arguments.files.size() < 3) return Error{"map merge needs two maps and a file to write"};
   Result<io::MapFile> merged = io::readMap(arguments.files.front());
   if (!merged) return merged.error();
-  tellOfOtherPieces(arguments.files.front(), *merged);
   std::string text;
   for (std::size_t i = 1; i + 1 < arguments.files.size(); ++i) {
     const std::string& name = arguments.files[i];
     const Result<io::MapFile> next = io::readMap(name);
     if (!next) return next.error();
-    tellOfOtherPieces(name, *next);
     const Result<MergeReport> report = mergeMaps(&*merged, *next, arguments.options);
     if (!report) return Error{name + ": " + report.error().message};
     text += mergeText(name, *report);
   }
-  if (!arguments.no_global && !merged->map.keyframes().empty()) text += optimize(&*merged);
+  if (!arguments.no_global) text += optimizeAll(&*merged);
+  std::vector<const slam::Map*> others;
+  for (const slam::Map& piece : merged->other_pieces) others.push_back(&piece);
   const Status written = io::writeTextFile(
       arguments.files.back(),
-      io::formatMap(merged->map, merged->camera, merged->readout_s, merged->field));
+      io::formatMap(merged->map, merged->camera, merged->readout_s, merged->field, others));
   if (!written) return written.error();
   return text;
 }

@@ -110,7 +110,7 @@ Result<slam::Calibration> parseOf(const std::string& camera, const std::string& 
 }
 
 // As cv::FileStorage writes it, but with the shortest numbers that read back.
-std::string matrixText(const char* key, int rows, int columns, std::span<const double> values) {
+std::string openCvMatrix(const char* key, int rows, int columns, std::span<const double> values) {
   std::string text = std::string(key) + ": !!opencv-matrix\n   rows: " + std::to_string(rows) +
                      "\n   cols: " + std::to_string(columns) + "\n   dt: d\n   data: [ ";
   const char* separator = "";
@@ -145,13 +145,13 @@ std::string formatCalibration(const slam::Calibration& calibration) {
   text += "image_width: " + std::to_string(c.width) + "\n";
   text += "image_height: " + std::to_string(c.height) + "\n";
   const std::array<double, 9> K = {c.fx, 0.0, c.cx, 0.0, c.fy, c.cy, 0.0, 0.0, 1.0};
-  text += matrixText("camera_matrix", 3, 3, K);
+  text += openCvMatrix("camera_matrix", 3, 3, K);
   text += "distortion_model: ";
   text += fisheye ? "fisheye_equidistant\n" : (rational ? "rational_polynomial\n" : "plumb_bob\n");
-  text += matrixText("distortion_coefficients", 1, coefficients,
-                     std::span(c.distortion).first(static_cast<std::size_t>(coefficients)));
+  text += openCvMatrix("distortion_coefficients", 1, coefficients,
+                       std::span(c.distortion).first(static_cast<std::size_t>(coefficients)));
   if (c.covariance) {  // symmetric: by columns as by rows
-    text += matrixText(kCovariance, 9, 9, {c.covariance->data(), 81});
+    text += openCvMatrix(kCovariance, 9, 9, {c.covariance->data(), 81});
   }
   return text;
 }

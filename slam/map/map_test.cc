@@ -113,6 +113,7 @@ TEST(Map, StateAndPosesGoTogether) {
 }
 
 TEST(Map, WhatSeemedToHaveMovedGetsAnotherChance) {
+  const auto at = [](double x_m) { return Transform{Eigen::Matrix3d::Identity(), {x_m, 0, 0}}; };
   Map map;
   for (const int id : {1, 2, 3, 4}) map.addMarker(id, 0.1);
   map.quarantine(1);

@@ -1,7 +1,10 @@
 #include "tools/maps/map_merge.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
+#include <cstddef>
+#include <iterator>
 #include <optional>
 #include <utility>
 
@@ -130,7 +133,8 @@ void dropViews(int id, slam::Map* map) {
   map->removeLinksTo(id);
 }
 
-// Whose views of a marker are worth keeping, and whose idea of it.
+// Whose views of a marker are worth keeping, and whose idea of it. Those of one that hangs in
+// another piece are: they connect the two.
 void mergeMarker(const slam::MapMarker& theirs, const std::vector<int>& disagreeing,
                  slam::Map* ours, slam::Map* b) {
   const int id = theirs.id;
@@ -140,7 +144,8 @@ void mergeMarker(const slam::MapMarker& theirs, const std::vector<int>& disagree
     return;
   }
   const auto trusted = [](slam::MarkerState state) {
-    return state == slam::MarkerState::kMapped || state == slam::MarkerState::kUnresolved;
+    return state == slam::MarkerState::kMapped || state == slam::MarkerState::kUnresolved ||
+           state == slam::MarkerState::kElsewhere;
   };
   const bool disagrees = std::binary_search(disagreeing.begin(), disagreeing.end(), id);
   if (disagrees || known->state == slam::MarkerState::kBanned || !trusted(theirs.state)) {
@@ -164,32 +169,144 @@ void addKeyframes(const slam::Map& theirs, slam::Map* ours) {
   }
 }
 
+// Adds the world of b to that of a.
+Result<MergeReport> mergeWorlds(slam::Map* a, slam::Map b, const MergeOptions& options) {
+  Result<MergeReport> report = alignMaps(*a, b, options);
+  if (!report) return report;
+  b.moveWorld(report->T_a_b);
+  const auto markers = b.markers();
+  for (const auto& [id, marker] : markers) {
+    if (marker.T_w_m && a->findPosed(id) == nullptr) report->added.push_back(id);
+    mergeMarker(marker, report->disagreeing, a, &b);
+  }
+  addKeyframes(b, a);
+  return report;
+}
+
+// The pieces of a, to which those of b are added.
+class PieceMerger {
+ public:
+  PieceMerger(std::vector<slam::Map> pieces, const MergeOptions& options)
+      : pieces_(std::move(pieces)), options_(options) {}
+
+  // What has joined may make others of b agree that did not before.
+  void add(std::vector<slam::Map> theirs) {
+    std::size_t before = 0;
+    do {
+      before = theirs.size();
+      std::erase_if(theirs, [&](const slam::Map& piece) { return join(piece); });
+    } while (!theirs.empty() && theirs.size() != before);
+    for (slam::Map& piece : theirs) keepApart(std::move(piece));
+  }
+
+  [[nodiscard]] std::vector<slam::Map>& pieces() { return pieces_; }
+  [[nodiscard]] MergeReport& report() { return report_; }
+  // Why the first two pieces that were tried did not agree.
+  [[nodiscard]] const std::optional<Error>& refusal() const { return refusal_; }
+
+ private:
+  bool join(const slam::Map& theirs) {
+    for (auto home = pieces_.begin(); home != pieces_.end(); ++home) {
+      const Result<MergeReport> joint = mergeWorlds(&*home, theirs, options_);
+      if (!joint) {
+        if (!refusal_) refusal_ = joint.error();
+        continue;
+      }
+      if (report_.pieces_joined++ == 0) report_.T_a_b = joint->T_a_b;
+      note(*joint);
+      const auto bridged = std::remove_if(home + 1, pieces_.end(), [&](const slam::Map& other) {
+        return mergeWorlds(&*home, other, options_).ok();
+      });
+      report_.bridged += static_cast<int>(pieces_.end() - bridged);
+      pieces_.erase(bridged, pieces_.end());
+      return true;
+    }
+    return false;
+  }
+
+  void note(const MergeReport& joint) {
+    const auto before = static_cast<double>(report_.agreeing.size());
+    const auto more = static_cast<double>(joint.agreeing.size());
+    report_.rms_m =
+        std::sqrt((before * report_.rms_m * report_.rms_m + more * joint.rms_m * joint.rms_m) /
+                  (before + more));
+    const auto append = [](const std::vector<int>& from, std::vector<int>* to) {
+      to->insert(to->end(), from.begin(), from.end());
+      std::ranges::sort(*to);
+    };
+    append(joint.agreeing, &report_.agreeing);
+    append(joint.disagreeing, &report_.disagreeing);
+    append(joint.added, &report_.added);
+  }
+
+  // Under a number of its own; a marker that hangs in a piece of a hangs there.
+  void keepApart(slam::Map theirs) {
+    int next = 0;
+    for (const slam::Map& piece : pieces_) next = std::max(next, piece.piece + 1);
+    theirs.piece = next;
+    const auto markers = theirs.markers();
+    for (const auto& [id, marker] : markers) {
+      if (!marker.T_w_m) continue;
+      const bool known = std::ranges::any_of(
+          pieces_, [&](const slam::Map& piece) { return piece.findPosed(id) != nullptr; });
+      if (!known) {
+        report_.added.push_back(id);
+        continue;
+      }
+      slam::MapMarker elsewhere = marker;
+      elsewhere.state = slam::MarkerState::kElsewhere;
+      elsewhere.T_w_m.reset();
+      elsewhere.other_T_w_m.reset();
+      (void)theirs.putMarker(elsewhere);
+    }
+    std::ranges::sort(report_.added);
+    ++report_.pieces_apart;
+    pieces_.push_back(std::move(theirs));
+  }
+
+  std::vector<slam::Map> pieces_;
+  MergeOptions options_;
+  MergeReport report_;
+  std::optional<Error> refusal_;
+};
+
+std::vector<slam::Map> piecesOf(const io::MapFile& file) {
+  std::vector<slam::Map> pieces = file.other_pieces;
+  pieces.insert(pieces.begin(), file.map);
+  return pieces;
+}
+
 }  // namespace
 
 Result<MergeReport> mergeMaps(io::MapFile* a, const io::MapFile& b, const MergeOptions& options) {
-  if (const Status same = checkSameMarkers(a->map, b.map); !same) return same.error();
-  Result<MergeReport> report = alignMaps(a->map, b.map, options);
-  if (!report) return report;
-  io::MapFile moved = b;
-  if (a->camera && moved.camera) {
-    const auto changed = io::changeCamera(*a->camera, &moved);
+  for (const slam::Map& ours : piecesOf(*a)) {
+    for (const slam::Map& theirs : piecesOf(b)) {
+      if (const Status same = checkSameMarkers(ours, theirs); !same) return same.error();
+    }
+  }
+  io::MapFile seen = b;
+  std::optional<std::string> warning;
+  if (a->camera && seen.camera) {
+    const auto changed = io::changeCamera(*a->camera, &seen);
     if (!changed) return changed.error();
-    if (*changed) report->warnings.push_back(**changed);
+    warning = *changed;
   }
-  moved.map.moveWorld(report->T_a_b);
-  const auto markers = moved.map.markers();
-  for (const auto& [id, marker] : markers) {
-    if (marker.T_w_m && a->map.findPosed(id) == nullptr) report->added.push_back(id);
-    mergeMarker(marker, report->disagreeing, &a->map, &moved.map);
-  }
-  addKeyframes(moved.map, &a->map);
-  if (!a->camera) a->camera = moved.camera;
-  if (a->readout_s == 0.0) a->readout_s = moved.readout_s;  // one camera, one shutter
+  PieceMerger merger(piecesOf(*a), options);
+  merger.add(piecesOf(seen));
+  if (merger.report().pieces_joined == 0) return *merger.refusal();
+  a->map = std::move(merger.pieces().front());
+  a->other_pieces.assign(std::make_move_iterator(merger.pieces().begin() + 1),
+                         std::make_move_iterator(merger.pieces().end()));
+  if (!a->camera) a->camera = seen.camera;
+  if (a->readout_s == 0.0) a->readout_s = seen.readout_s;  // one camera, one shutter
   if (a->camera && a->readout_s != 0.0) {
-    slam::undistortAgain(slam::CameraModel(*a->camera), a->readout_s, &a->map);
+    const slam::CameraModel camera(*a->camera);
+    slam::undistortAgain(camera, a->readout_s, &a->map);
+    for (slam::Map& piece : a->other_pieces) slam::undistortAgain(camera, a->readout_s, &piece);
   }
   a->has_checksum = a->has_checksum && b.has_checksum;
-  return report;
+  if (warning) merger.report().warnings.push_back(*warning);
+  return std::move(merger.report());
 }
 
 }  // namespace waymark::tools

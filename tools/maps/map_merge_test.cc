@@ -175,5 +175,69 @@ TEST_F(Merge, StatesOfMarkers) {
   EXPECT_LT((a_.map.find(12)->T_w_m->p - wall_[12].T_w_m.p).norm(), 1e-9);
 }
 
+Transform elsewhere(double by) {
+  slam::Vector6d delta;
+  delta << by, 1.0, -by, 0.1 * by, -1.0, 0.2;
+  return Transform{}.retract(delta);
+}
+
+// Two pieces, and a map that reaches from one to the other.
+TEST_F(Merge, WhatSharesMarkersWithTwoPiecesJoinsThem) {
+  io::MapFile a = mapOf(0, 2, Transform{}, -1.5);
+  a.other_pieces.push_back(mapOf(5, 7, elsewhere(2.0), 1.5).map);
+  a.other_pieces.front().piece = 3;
+  slam::MapMarker seen;  // the first piece's keyframes have, and know that the other one has it
+  seen.id = 5;
+  seen.size_m = kSize_m;
+  seen.state = slam::MarkerState::kElsewhere;
+  ASSERT_TRUE(a.map.putMarker(seen));
+  const io::MapFile b = mapOf(2, 5, elsewhere(4.0), 0.0);
+  const auto report = mergeMaps(&a, b, {});
+  ASSERT_TRUE(report) << report.error().message;
+  EXPECT_EQ(report->pieces_joined, 1);
+  EXPECT_EQ(report->bridged, 1);
+  EXPECT_EQ(report->pieces_apart, 0);
+  EXPECT_TRUE(a.other_pieces.empty());
+  ASSERT_EQ(a.map.markers().size(), 32U);
+  for (const SyntheticMarker& marker : wall_) {
+    EXPECT_LT((a.map.find(marker.id)->T_w_m->p - marker.T_w_m.p).norm(), 1e-9) << marker.id;
+  }
+  EXPECT_EQ(a.map.keyframes().size(), 12U);
+}
+
+TEST_F(Merge, WhatSharesTooLittleStaysAPieceOfItsOwn) {
+  io::MapFile a = mapOf(0, 3, Transform{}, -1.5);
+  io::MapFile b = mapOf(5, 7, elsewhere(2.0), 1.5);
+  b.other_pieces.push_back(mapOf(2, 4, elsewhere(4.0), 0.0).map);
+  b.other_pieces.front().piece = 1;
+  slam::MapMarker shared = *b.map.find(5);  // one marker is not enough to agree by
+  shared.id = 0;
+  ASSERT_TRUE(b.map.putMarker(shared));
+  const auto report = mergeMaps(&a, b, {});
+  ASSERT_TRUE(report) << report.error().message;
+  EXPECT_EQ(report->pieces_joined, 1);
+  EXPECT_EQ(report->pieces_apart, 1);
+  ASSERT_EQ(a.other_pieces.size(), 1U);
+  EXPECT_EQ(a.other_pieces.front().piece, 1);
+  EXPECT_EQ(a.map.markers().size(), 20U);
+  EXPECT_EQ(report->added.size(), 4U + 12U);
+  EXPECT_EQ(a.other_pieces.front().find(0)->state, slam::MarkerState::kElsewhere);
+  // As a file has it: a marker has a place in one piece only.
+  const slam::Map* const apart = &a.other_pieces.front();
+  const std::string text = io::formatMap(a.map, a.camera, 0.0, {}, {&apart, 1});
+  EXPECT_TRUE(io::parseMap(text, "merged.json"))
+      << io::parseMap(text, "merged.json").error().message;
+}
+
+TEST_F(Merge, PiecesThatShareNothingAreNoMap) {
+  io::MapFile a = mapOf(0, 2, Transform{}, -1.5);
+  const io::MapFile before = a;
+  io::MapFile b = mapOf(3, 4, elsewhere(2.0), 0.0);
+  b.other_pieces.push_back(mapOf(5, 7, elsewhere(4.0), 1.5).map);
+  EXPECT_FALSE(mergeMaps(&a, b, {}));
+  EXPECT_TRUE(a.other_pieces.empty());
+  EXPECT_EQ(a.map.markers().size(), before.map.markers().size());
+}
+
 }  // namespace
 }  // namespace waymark::tools
