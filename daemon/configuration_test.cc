@@ -131,6 +131,7 @@ TEST(Configuration, TheExampleWithEverythingUncommentedChangesNoDefault) {
   EXPECT_EQ(o.natural.integrator.start.min_area, e.natural.integrator.start.min_area);
   EXPECT_EQ(o.natural.integrator.start.max_area, e.natural.integrator.start.max_area);
   EXPECT_EQ(o.covariance.cost_per_frame, e.covariance.cost_per_frame);
+  EXPECT_EQ(o.markers.constraints.gate_sigmas, e.markers.constraints.gate_sigmas);
   EXPECT_EQ(c->relocalizer.core_share, d.relocalizer.core_share);
   EXPECT_EQ(o.initialization.ambiguity_ratio, e.initialization.ambiguity_ratio);
   EXPECT_EQ(o.tracking.pose.marker_chi2, e.tracking.pose.marker_chi2);
@@ -335,6 +336,27 @@ TEST(Configuration, MarkersThatTheDictionaryHas) {
             "/etc/w.toml: slam: anchor 50 is not in 4X4_50, whose ids are 0 to 49");
   EXPECT_EQ(errorOf(kCamera + kSlam + "[slam.markers]\norigin = 50\n"),
             "/etc/w.toml: slam: the origin marker 50 is not in 4X4_50, whose ids are 0 to 49");
+  const std::string ids_are = " is not in 4X4_50, whose ids are 0 to 49";
+  EXPECT_EQ(errorOf(kCamera + kSlam + "[[slam.markers.planes]]\nname = \"north\"\nids = '40-50'\n"),
+            "/etc/w.toml: slam: plane \"north\": marker 50" + ids_are);
+  EXPECT_EQ(errorOf(kCamera + kSlam + "[slam.markers.upright]\nids = '1, 77'\n"),
+            "/etc/w.toml: slam: upright: marker 77" + ids_are);
+}
+
+TEST(Configuration, WhatIsKnownOfMarkersMustBeUsable) {
+  const auto errorWith = [](const std::string& known) { return errorOf(kCamera + kSlam + known); };
+  const std::string distance =
+      "[[slam.markers.distances]]\nid_a = 1\ncorner_a = 0\nid_b = 2\ncorner_b = 3\n";
+  EXPECT_EQ(errorWith(distance + "distance_m = 2.5\n"), "no error");
+  EXPECT_EQ(errorWith(distance), "/etc/w.toml:6:1: slam.markers.distances.distance_m: missing");
+  EXPECT_EQ(errorWith("[[slam.markers.planes]]\nids = '4'\n"),
+            "/etc/w.toml: slam: plane 1: a plane needs at least two markers");
+  EXPECT_EQ(errorWith("[[slam.markers.positions]]\nid = 4\np_m = [1, 2, 3]\n"),
+            "/etc/w.toml: slam: positions without orientation fix the world from three on; or give "
+            "an anchor");
+  EXPECT_EQ(errorWith("[slam.markers]\nup = [0, 0, 1]\n"),
+            "/etc/w.toml: slam: up is the vertical in a surveyed world; give anchors, positions or "
+            "an origin marker");
 }
 
 TEST(Configuration, PathsWithoutNul) {

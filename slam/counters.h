@@ -22,6 +22,7 @@ struct Counters {
   std::uint64_t flipped_markers = 0;
   std::uint64_t quarantined_markers = 0;
   std::uint64_t gated_views = 0;
+  std::uint64_t gated_constraints = 0;
   std::uint64_t refused_markers = 0;
   std::uint64_t bridged_frames = 0;
   std::uint64_t linked_markers = 0;
@@ -85,6 +86,10 @@ inline constexpr std::array kCounters = {
                  "markers that moved or contradicted the map; they get a pose anew"},
     NamedCounter{"gated_views", &Counters::gated_views,
                  "views too far off for a local optimization"},
+    NamedCounter{
+        "gated_constraints", &Counters::gated_constraints,
+        "what was said of markers (planes, distances, ...) and their views contradict, in a "
+        "local optimization"},
     NamedCounter{"refused_markers", &Counters::refused_markers,
                  "markers printed twice, or moved again and again"},
     NamedCounter{"bridged_frames", &Counters::bridged_frames,

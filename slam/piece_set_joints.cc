@@ -4,7 +4,6 @@
 #include <utility>
 
 #include "base/task.h"
-#include "slam/geometry/turned_covariance.h"
 #include "slam/map/world_reference.h"
 #include "slam/piece_set.h"
 #include "slam/pieces/other_print.h"
@@ -65,20 +64,15 @@ bool PieceSet::isAnchored(int piece) const {
          !firstKeyframeIsWorld(pieces_.at(piece)->map(), options_.markers);
 }
 
-// Both have anchors, and so are in the world of these: whatever frames say.
+// Both are surveyed, and so in one world: whatever frames say.
 bool PieceSet::inOneSurvey(int a, int b) const { return isAnchored(a) && isAnchored(b); }
 
-// As well as the anchors say where either is.
+// As well as the survey says where either is.
 PieceJoint PieceSet::inSurvey(int a, int b) const {
   PieceJoint joint;
   joint.ratio = std::numeric_limits<double>::infinity();
   for (const int piece : {a, b}) {
-    Matrix6d information = Matrix6d::Zero();
-    for (const Anchor& anchor : options_.markers.anchors) {
-      if (pieces_.at(piece)->map().findPosed(anchor.id) == nullptr) continue;
-      information += independentInformation(anchor.sigma_m, anchor.sigma_rad);
-    }
-    joint.covariance += Matrix6d(information.diagonal().cwiseInverse().asDiagonal());
+    joint.covariance += surveyCovariance(pieces_.at(piece)->map(), options_.markers);
   }
   return joint;
 }

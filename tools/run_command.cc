@@ -16,7 +16,9 @@
 #include "daemon/control/stop_signal.h"
 #include "io/maps/marker_corners.h"
 #include "io/text/number_text.h"
+#include "slam/covariance/constraint_check.h"
 #include "slam/final_map.h"
+#include "slam/map/world_reference.h"
 #include "slam/slam.h"
 #include "tools/diagnosis/grey_image.h"
 #include "tools/diagnosis/run_verdict.h"
@@ -83,10 +85,32 @@ std::string otherWorldReason(const slam::Options& options,
     return "the origin marker " + std::to_string(*markers.origin_marker) + " was never placed" +
            other;
   }
+  const auto is_in_survey = [&](const slam::Map* map) { return slam::isInSurvey(*map, markers); };
+  if (std::ranges::any_of(pieces, is_in_survey)) return {};
   if (!markers.anchors.empty() && std::ranges::none_of(markers.anchors, has_pose)) {
     return "none of the anchors was ever placed" + other;
   }
+  if (!markers.constraints.positions.empty()) {
+    return "too few of the surveyed positions were ever placed, or they lie in a line" + other;
+  }
   return {};
+}
+
+// What surveyors and floor plans say, and the map does not bear out: a line each.
+void tellOfContradictions(const slam::MarkerOptions& markers,
+                          const std::vector<const slam::Map*>& pieces) {
+  constexpr std::size_t kMostLines = 10;
+  for (const slam::Map* map : pieces) {
+    const auto found = slam::contradictions(slam::constraintResiduals(*map, markers), markers);
+    for (std::size_t i = 0; i < std::min(found.size(), kMostLines); ++i) {
+      std::fprintf(stderr, "waymark: warning: %s\n",
+                   slam::constraintText(found[i], markers).c_str());
+    }
+    if (found.size() > kMostLines) {
+      std::fprintf(stderr, "waymark: warning: and %zu more such contradictions\n",
+                   found.size() - kMostLines);
+    }
+  }
 }
 
 void announce(const RunArguments& arguments, const RunSetup& setup) {
@@ -189,6 +213,7 @@ Result<ExitCode> run(const RunArguments& arguments) {
   if (const std::string reason = otherWorldReason(setup.options, slam.pieces()); !reason.empty()) {
     std::fprintf(stderr, "waymark: warning: %s\n", reason.c_str());
   }
+  tellOfContradictions(setup.options.markers, slam.pieces());
   if (setup.output) {
     const auto statistics = [&](const std::string& why) {
       return record.statistics(slam, timer, setup.input->droppedLate(), why, verdict);

@@ -10,6 +10,7 @@
 #include "io/settings/marker_ids.h"
 #include "io/settings/pose_settings.h"
 #include "io/text/closest_word.h"
+#include "io/text/plausible.h"
 #include "io/text/text_file.h"
 #include "slam/detection/codes/dictionary.h"
 
@@ -25,6 +26,19 @@ std::vector<Setting> anchorKeys(slam::Anchor& anchor) {
           required(orientationSetting("q_wxyz", anchor.T_w_m)),
           numberSetting("sigma_m", anchor.sigma_m, 1e-6, 100.0, "m"),
           numberSetting("sigma_rad", anchor.sigma_rad, 1e-6, 10.0, "rad")};
+}
+
+// Three numbers that are a position, or, where they need not be, any three.
+Setting vectorSetting(std::string key, bool is_position,
+                      std::function<void(const Eigen::Vector3d&)> take) {
+  return numbersSetting(
+      std::move(key), 3,
+      [is_position, take = std::move(take)](std::span<const double> v) -> ValidationError {
+        const Eigen::Vector3d vector(v[0], v[1], v[2]);
+        if (is_position && !isPosition(vector)) return kPositions;
+        take(vector);
+        return {};
+      });
 }
 
 // "3, 7-9" into `take`.
@@ -47,6 +61,59 @@ std::vector<Setting> sizeKeys(slam::MarkerOptions::Size& size) {
   };
   return {required(idsSetting("ids", take)),
           required(numberSetting("size_m", size.size_m, 1e-3, 100.0, "m"))};
+}
+
+Setting idsSetting(std::string key, std::vector<slam::IdRange>& target) {
+  return idsSetting(std::move(key), [&target](std::vector<slam::IdRange> ids) -> ValidationError {
+    target = std::move(ids);
+    return {};
+  });
+}
+
+// One [[slam.markers.positions]].
+std::vector<Setting> positionKeys(slam::SurveyedPosition& position) {
+  const auto take = [&position](const Eigen::Vector3d& p_w) { position.p_w = p_w; };
+  return {required(integerSetting("id", position.id, 0, kLargestId)),
+          required(vectorSetting("p_m", /*is_position=*/true, take)),
+          numberSetting("sigma_m", position.sigma_m, 1e-6, 100.0, "m")};
+}
+
+// One [[slam.markers.planes]].
+std::vector<Setting> planeKeys(slam::MarkerPlane& plane) {
+  using slam::PlaneKind;
+  return {textSetting("name", plane.name), required(idsSetting("ids", plane.ids)),
+          choiceSetting<PlaneKind>("kind", plane.kind,
+                                   {{"any", PlaneKind::kAny},
+                                    {"floor", PlaneKind::kFloor},
+                                    {"ceiling", PlaneKind::kCeiling},
+                                    {"wall", PlaneKind::kWall}}),
+          numberSetting("sigma_m", plane.sigma_m, 1e-6, 100.0, "m"),
+          numberSetting("sigma_rad", plane.sigma_rad, 1e-6, 10.0, "rad")};
+}
+
+// One [[slam.markers.distances]].
+std::vector<Setting> distanceKeys(slam::CornerDistance& distance) {
+  return {required(integerSetting("id_a", distance.id_a, 0, kLargestId)),
+          required(integerSetting("corner_a", distance.corner_a, 0, 3)),
+          required(integerSetting("id_b", distance.id_b, 0, kLargestId)),
+          required(integerSetting("corner_b", distance.corner_b, 0, 3)),
+          required(numberSetting("distance_m", distance.distance_m, 1e-3, 1e6, "m")),
+          numberSetting("sigma_m", distance.sigma_m, 1e-6, 100.0, "m")};
+}
+
+std::vector<Setting> constraintKeys(slam::MarkerConstraints& known) {
+  const auto take_up = [&known](const Eigen::Vector3d& up_w) { known.up_w = up_w; };
+  return {
+      sectionsSetting<slam::SurveyedPosition>("slam.markers.positions", known.positions,
+                                              positionKeys),
+      sectionsSetting<slam::MarkerPlane>("slam.markers.planes", known.planes, planeKeys),
+      idsSetting("slam.markers.upright.ids", known.upright.ids),
+      numberSetting("slam.markers.upright.sigma_rad", known.upright.sigma_rad, 1e-6, 10.0, "rad"),
+      sectionsSetting<slam::CornerDistance>("slam.markers.distances", known.distances,
+                                            distanceKeys),
+      vectorSetting("slam.markers.up", /*is_position=*/false, take_up),
+      numberSetting("slam.markers.gate_sigmas", known.gate_sigmas, 1.0, 1e6, ""),
+  };
 }
 
 std::vector<Setting> markerKeys(slam::MarkerOptions& markers) {
@@ -170,9 +237,10 @@ ValidationError validateDictionary(const std::string& name) {
 std::string foreignMarkersReason(const SlamSettings& settings) {
   const auto dictionary = slam::Dictionary::byName(settings.dictionary);
   if (!dictionary) return {};
+  const std::string not_in = " is not in " + settings.dictionary + ", whose ids are 0 to " +
+                             std::to_string(dictionary->size() - 1);
   const auto foreign = [&](const std::string& what, int id) {
-    return what + " " + std::to_string(id) + " is not in " + settings.dictionary +
-           ", whose ids are 0 to " + std::to_string(dictionary->size() - 1);
+    return what + " " + std::to_string(id) + not_in;
   };
   const slam::MarkerOptions& markers = settings.options.markers;
   if (markers.origin_marker && *markers.origin_marker >= dictionary->size()) {
@@ -181,7 +249,10 @@ std::string foreignMarkersReason(const SlamSettings& settings) {
   for (const slam::Anchor& anchor : markers.anchors) {
     if (anchor.id >= dictionary->size()) return foreign("anchor", anchor.id);
   }
-  return {};
+  const std::string constrained =
+      markers.constraints.findId([&](int id) { return id >= dictionary->size(); });
+  if (constrained.empty()) return {};
+  return constrained + not_in;
 }
 
 std::vector<Setting> slamSettingKeys(SlamSettings& target) {
@@ -225,6 +296,7 @@ std::vector<Setting> slamSettingKeys(SlamSettings& target) {
   std::ranges::move(trackingKeys(o.tracking), std::back_inserter(keys));
   std::ranges::move(mapperKeys(o.mapper), std::back_inserter(keys));
   std::ranges::move(markerKeys(o.markers), std::back_inserter(keys));
+  std::ranges::move(constraintKeys(o.markers.constraints), std::back_inserter(keys));
   for (const auto& [old_key, key] : kRenamed) {
     keys.push_back(renamedSetting(std::string(old_key), std::string(key)));
   }

@@ -69,6 +69,40 @@ TEST(SlamSettings, Markers) {
   EXPECT_EQ(origin->options.markers.origin_marker, 5);
 }
 
+TEST(SlamSettings, WhatIsKnownOfMarkers) {
+  const Result<SlamSettings> s = read(
+      "[slam.markers]\nup = [0, 0, 2]\ngate_sigmas = 4\n"
+      "[[slam.markers.positions]]\nid = 3\np_m = [1, 2.5, -3]\n"
+      "[[slam.markers.planes]]\nname = 'north'\nids = '10-19, 25'\nkind = 'wall'\n"
+      "[[slam.markers.planes]]\nids = '1-2'\nsigma_m = 0.01\nsigma_rad = 0.1\n"
+      "[slam.markers.upright]\nids = '10-12'\nsigma_rad = 0.03\n"
+      "[[slam.markers.distances]]\nid_a = 10\ncorner_a = 1\nid_b = 19\ncorner_b = 2\n"
+      "distance_m = 8.992\nsigma_m = 0.002\n");
+  ASSERT_TRUE(s) << s.error().message;
+  const slam::MarkerConstraints& known = s->options.markers.constraints;
+  EXPECT_EQ(known.up_w, Eigen::Vector3d(0.0, 0.0, 2.0));
+  EXPECT_EQ(known.gate_sigmas, 4.0);
+  ASSERT_EQ(known.positions.size(), 1U);
+  EXPECT_EQ(known.positions[0].p_w, Eigen::Vector3d(1.0, 2.5, -3.0));
+  EXPECT_EQ(known.positions[0].sigma_m, slam::SurveyedPosition{}.sigma_m);
+  ASSERT_EQ(known.planes.size(), 2U);
+  EXPECT_EQ(known.planes[0].name, "north");
+  EXPECT_EQ(known.planes[0].kind, slam::PlaneKind::kWall);
+  ASSERT_EQ(known.planes[0].ids.size(), 2U);
+  EXPECT_TRUE(known.planes[0].ids[0].contains(19));
+  EXPECT_EQ(known.planes[0].sigma_m, slam::MarkerPlane{}.sigma_m);
+  EXPECT_EQ(known.planes[1].kind, slam::PlaneKind::kAny);
+  EXPECT_EQ(known.planes[1].sigma_m, 0.01);
+  EXPECT_EQ(known.planes[1].sigma_rad, 0.1);
+  ASSERT_EQ(known.upright.ids.size(), 1U);
+  EXPECT_EQ(known.upright.sigma_rad, 0.03);
+  ASSERT_EQ(known.distances.size(), 1U);
+  EXPECT_EQ(known.distances[0].corner_a, 1);
+  EXPECT_EQ(known.distances[0].corner_b, 2);
+  EXPECT_EQ(known.distances[0].distance_m, 8.992);
+  EXPECT_EQ(known.distances[0].sigma_m, 0.002);
+}
+
 TEST(SlamSettings, AKnownShutterIsNotLearned) {
   const Result<SlamSettings> unknown = read("[slam]\n");
   ASSERT_TRUE(unknown) << unknown.error().message;
@@ -112,6 +146,16 @@ TEST(SlamSettings, ErrorsNameThePlace) {
   ends(anchor + "q_wxyz = [1, 0, 0, nan]\n", "q_wxyz: must be a list of 4 numbers");
   ends(anchor + "q_wxyz = [1, 0, 0, 1]\n", "slam.markers.anchors.q_wxyz: must have length 1");
   ends(anchor + "q_wxyz = [1, 0, 0, 0]\nsigma_m = 0\n", "must be from 1e-06 to 100 m, not 0");
+  ends("[[slam.markers.planes]]\nids = '1-9'\nkind = 'roof'\n",
+       "w.toml:3:8: slam.markers.planes.kind: must be one of \"any\", \"floor\", \"ceiling\", "
+       "\"wall\"");
+  ends("[[slam.markers.planes]]\nids = '1-x'\n",
+       "w.toml:2:7: slam.markers.planes.ids: '1-x' must be an id or a range of ids like 7-9");
+  ends("[[slam.markers.distances]]\ncorner_a = 4\n",
+       "w.toml:2:12: slam.markers.distances.corner_a: must be from 0 to 3, not 4");
+  ends("[[slam.markers.positions]]\np_m = [1, 2]\n",
+       "w.toml:2:7: slam.markers.positions.p_m: must be a list of 3 numbers");
+  ends("[slam.markers]\nup = 'z'\n", "slam.markers.up: must be a list of 3 numbers");
   ends("[slams]\n", "w.toml:1:2: slams: unknown key; did you mean slam?");
   EXPECT_EQ(readSlamSettings("/nowhere/w.toml").error().message,
             "/nowhere/w.toml: cannot be read: No such file or directory");

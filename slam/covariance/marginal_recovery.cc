@@ -10,6 +10,7 @@
 #include <Eigen/Core>
 
 #include "base/distinct_indices.h"
+#include "slam/covariance/constraint_information.h"
 #include "slam/geometry/turned_covariance.h"
 #include "slam/map/world_reference.h"
 #include "slam/optimization/block_system.h"
@@ -22,6 +23,7 @@ constexpr double kFindMarker = 0.1;
 constexpr double kNotePairOfView = 0.006;
 constexpr double kSortPair = 0.003;
 constexpr double kSetMarker = 0.4;
+constexpr double kTestConstrained = 3.0;
 constexpr double kLookAtKept = 0.03;  // a marker of it
 constexpr double kLinearizeView = 0.6;
 constexpr double kBlockProduct = 0.08;
@@ -260,7 +262,17 @@ Task<MapMarginals> recoverMarginals(const Map& map, const MarkerOptions& markers
     pairs.push_back(of_one);
   }
 
-  CameraSides by_camera(camera.unknown(), pattern.unknown.size());
+  if (!markers.constraints.empty()) {
+    co_await budget->spend(kTestConstrained * static_cast<double>(pattern.unknown.size()));
+  }
+  ConstraintInformation constraints(map, markers, [&](int id, const Transform& T_w_m) {
+    const LinearizedMarker* const linearized = pattern.find(id);
+    return ConstrainedUnknown{pattern.poseOf(id),
+                              linearized == nullptr ? T_w_m : linearized->point.T_w_m};
+  });
+  constraints.appendPoses(&neighbours);
+
+  CameraSides by_camera(camera.unknown(), neighbours.size());
   BlockSystem system;
   (void)co_await system.arrange(std::move(neighbours), /*with_globals=*/false, budget);
   for (PatternKeyframe& known : pattern.keyframes) {
@@ -289,6 +301,7 @@ Task<MapMarginals> recoverMarginals(const Map& map, const MarkerOptions& markers
     addPriors(id, point, moved[i], markers, variance, system.positionOf(static_cast<int>(i)),
               &system);
   }
+  constraints.addTo(variance, &system);
 
   MapMarginals marginals;
   for (const int id : pattern.given) {
@@ -304,10 +317,12 @@ Task<MapMarginals> recoverMarginals(const Map& map, const MarkerOptions& markers
     // From where the marker is, no longer from its point.
     steps[a] = system.right(system.positionOf(static_cast<int>(a))) - moved[a];
   }
+  constraints.solved(&system);
   for (int p = 0; p < by_camera.parameters.count; ++p) {
     if (!co_await solveByCamera(p, &by_camera, &system, budget)) co_return MapMarginals{};
   }
   (void)co_await system.invert(budget);
+  marginals.setConstraints(constraints.residuals(variance, &system));
   for (std::size_t a = 0; a < pattern.unknown.size(); ++a) {
     co_await budget->spend(kSetMarker);
     const int row = system.positionOf(static_cast<int>(a));

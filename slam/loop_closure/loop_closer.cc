@@ -112,6 +112,20 @@ void addLinkEdges(const BundleProblem& problem, PoseGraph* graph) {
   }
 }
 
+// The frame of a constraint is no camera: it follows one of those that see its markers.
+void addFrameEdges(const BundleProblem& problem, PoseGraph* graph) {
+  if (problem.constraints.empty()) return;
+  const std::vector<std::vector<int>> by_marker = camerasByMarker(problem);
+  int last = -1;  // they come frame by frame
+  for (const auto& [frame, marker, relations] : problem.constraints) {
+    if (frame == last || by_marker[at(marker)].empty()) continue;
+    const int seer = by_marker[at(marker)].front();
+    graph->edges.push_back(
+        {seer, frame, graph->poses[at(seer)].inverse() * graph->poses[at(frame)]});
+    last = frame;
+  }
+}
+
 // f^c: the oldest camera that sees a marker of L(t).
 int closingCamera(const Subproblem& part, const std::vector<int>& loop_markers) {
   int oldest = static_cast<int>(part.keyframes.size()) - 1;
@@ -402,6 +416,7 @@ Task<PoseGraph> covisibilityGraph(const BundleProblem& problem, int edges_per_ke
     }
   }
   addLinkEdges(problem, &graph);
+  addFrameEdges(problem, &graph);
   co_return graph;
 }
 

@@ -9,6 +9,30 @@ namespace {
 
 bool isLength(double metres) { return std::isfinite(metres) && metres > 0.0; }
 
+// Of constraints that are sound in themselves, and of no use here.
+std::string constraintsReason(const MarkerOptions& markers) {
+  const MarkerConstraints& constraints = markers.constraints;
+  if (std::string reason = constraints.invalidReason(); !reason.empty()) return reason;
+  for (const SurveyedPosition& position : constraints.positions) {
+    if (std::ranges::find(markers.anchors, position.id, &Anchor::id) != markers.anchors.end()) {
+      return "position " + std::to_string(position.id) + " is an anchor, too; one of them will do";
+    }
+  }
+  constexpr std::size_t kFewest = 3;
+  if (markers.anchors.empty() && !constraints.positions.empty() &&
+      constraints.positions.size() < kFewest) {
+    return "positions without orientation fix the world from three on; or give an anchor";
+  }
+  const bool surveyed =
+      markers.origin_marker || !markers.anchors.empty() || !constraints.positions.empty();
+  if (constraints.up_w && !surveyed) {
+    return "up is the vertical in a surveyed world; give anchors, positions or an origin marker";
+  }
+  const std::string ignored =
+      constraints.findId([&markers](int id) { return markers.isIgnored(id); });
+  return ignored.empty() ? ignored : ignored + " is among the ignored ids";
+}
+
 }  // namespace
 
 double MarkerOptions::sizeOf(int id) const {
@@ -40,6 +64,9 @@ std::string MarkerOptions::invalidReason() const {
   if (origin_marker && !anchors.empty()) {
     return "anchors and an origin marker both fix the world; only one of them can";
   }
+  if (origin_marker && !constraints.positions.empty()) {
+    return "surveyed positions and an origin marker both fix the world; only one of them can";
+  }
   std::set<int> anchored;
   for (const Anchor& anchor : anchors) {
     const std::string name = "anchor " + std::to_string(anchor.id);
@@ -52,7 +79,7 @@ std::string MarkerOptions::invalidReason() const {
   if (origin_marker && isIgnored(*origin_marker)) {
     return "the origin marker is among the ignored ids";
   }
-  return {};
+  return constraintsReason(*this);
 }
 
 }  // namespace waymark::slam

@@ -6,15 +6,9 @@
 #include <vector>
 
 #include "slam/geometry/transform.h"
+#include "slam/map/marker_constraints.h"
 
 namespace waymark::slam {
-
-struct IdRange {
-  int first = 0;
-  int last = 0;  // inclusive
-
-  [[nodiscard]] bool contains(int id) const { return first <= id && id <= last; }
-};
 
 // A marker whose pose somebody surveyed.
 struct Anchor {
@@ -37,6 +31,8 @@ struct MarkerOptions {
   // What fixes the world frame; without either, the first keyframe's camera does. Not both.
   std::vector<Anchor> anchors{};       // surveyed poses, in the world they were surveyed in
   std::optional<int> origin_marker{};  // this marker's frame is the world
+  // What else is known of where they are. Positions fix the world as anchors do.
+  MarkerConstraints constraints{};
 
   [[nodiscard]] double sizeOf(int id) const;
   [[nodiscard]] bool isIgnored(int id) const;

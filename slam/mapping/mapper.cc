@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "slam/camera_pose/known_marker.h"
+#include "slam/map/world_reference.h"
 #include "slam/mapping/camera_doubt.h"
 #include "slam/optimization/map_fit.h"
 #include "slam/option_checks.h"
@@ -172,6 +173,7 @@ std::optional<Transform> Mapper::collect(Map* map, Counters* counters) {
   }
   residual_sigma_ = correction.summary.residual_sigma;
   counters->gated_views += static_cast<std::uint64_t>(correction.summary.gated_views);
+  counters->gated_constraints += static_cast<std::uint64_t>(correction.summary.gated_constraints);
   return T_new_old;
 }
 
@@ -293,8 +295,8 @@ MarkerResolution Mapper::resolution(int marker_id, std::span<const KeyframeId> s
   return doubtful.verdict == ResolverVerdict::kContradictory ? found : doubtful;
 }
 
-// Moves the map where the origin marker, or the first anchor that has a pose, says it is. Later
-// anchors pull in the optimizations.
+// Moves the map where the origin marker, or the first anchor that has a pose, says it is; or
+// surveyed positions, once there are enough. Later ones pull in the optimizations.
 void Mapper::fixWorld(Map* map) {
   if (world_fixed_) return;
   if (markers_.origin_marker) {
@@ -313,6 +315,11 @@ void Mapper::fixWorld(Map* map) {
       world_fixed_ = true;
       return;
     }
+  }
+  if (positionsFixWorld(*map, markers_)) {
+    world_moved_ = surveyedFromMap(*map, markers_);
+    map->moveWorld(*world_moved_);
+    world_fixed_ = true;
   }
 }
 

@@ -199,6 +199,30 @@ TEST_F(MapperTest, AnchorsFixTheWorld) {
   expectTruth(map, T_s_w, 0.01);
 }
 
+// The same by centres alone, the first keyframe's world until there are enough of them.
+TEST_F(MapperTest, SurveyedPositionsFixTheWorld) {
+  const Transform T_s_w = {expSo3({0.3, -0.2, 0.5}), {5.0, -2.0, 1.0}};
+  for (const int id : {0, 2, 5, 7}) {
+    options_.constraints.positions.push_back({.id = id, .p_w = (T_s_w * truth(id)).p});
+  }
+  Map map;
+  const auto mapper = begun(&map);
+  for (int i = 1; i < 10; ++i) (void)update(mapper.get(), frame(i, T_s_w), true, &map);
+  expectTruth(map, T_s_w, 0.02);
+  EXPECT_EQ(counters_.gated_constraints, 0U);
+}
+
+// A marker that hangs half a metre from where a tape has it is counted, and stays where it is.
+TEST_F(MapperTest, WhatViewsContradictIsCounted) {
+  options_.constraints.distances = {
+      {.id_a = 0, .id_b = 1, .distance_m = 0.5 + (truth(0).p - truth(1).p).norm()}};
+  Map map;
+  const auto mapper = begun(&map);
+  for (int i = 1; i < 10; ++i) (void)update(mapper.get(), frame(i), true, &map);
+  EXPECT_GT(counters_.gated_constraints, 0U);
+  expectTruth(map, view(0).inverse(), 0.02);
+}
+
 // An early choice that more views overturn: the marker was posed by its other solution.
 TEST_F(MapperTest, AFlippedHypothesisIsMended) {
   Map map;

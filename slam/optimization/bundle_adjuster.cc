@@ -5,6 +5,10 @@
 #include <limits>
 #include <utility>
 
+#include <Eigen/Cholesky>
+
+#include "slam/geometry/robust.h"
+#include "slam/optimization/marker_relation.h"
 #include "slam/optimization/residual_sigma.h"
 #include "slam/option_checks.h"
 
@@ -20,6 +24,10 @@ constexpr double kNoticeable = 1.0;
 constexpr double kMovePose = 0.08;
 constexpr double kCopyPose = 0.03;
 constexpr double kWeighView = 0.01;
+constexpr double kTestConstraint = 1.0;
+
+// What is left of a weight that is to pull nothing: a frame that nothing else holds keeps a place.
+constexpr double kLeftOut = 1e-4;
 
 // False when the step leaves what a lens can be.
 bool moveLens(const BundleProblem::Lens& from, const IntrinsicVector& step,
@@ -28,6 +36,30 @@ bool moveLens(const BundleProblem::Lens& from, const IntrinsicVector& step,
   if (!moved.invalidReason().empty()) return false;
   to->camera = CameraModel(moved);
   return true;
+}
+
+// The equations are in units of the corners' noise; what is said of markers has sigmas of its own.
+void weighConstraints(double factor, BundleProblem* problem) {
+  for (BundleProblem::Constraint& constraint : problem->constraints) {
+    for (BundleProblem::Relation& relation : constraint.relations) relation.weight *= factor;
+  }
+}
+
+// How far a relation is from what all else says, in sigmas squared, were it not there: all other
+// poses held. H: of the marker's pose, with the relation in it. Zero where nothing else says.
+double contradiction(const BundleProblem::Relation& relation, const Transform& T_w_f,
+                     const BundleProblem::Pose& marker, const Matrix6d& H, double huber) {
+  const Eigen::Vector3d residual = relationResidual(relation, T_w_f, marker.T);
+  if (marker.fixed) return residual.squaredNorm();
+  const Eigen::Matrix<double, 3, 6> J = relationJacobian(relation, T_w_f, marker.T);
+  const double weight = huberWeight(residual.squaredNorm(), huber);
+  const Eigen::LLT<Matrix6d> without(H - weight * J.transpose() * J);
+  if (without.info() != Eigen::Success) return 0.0;
+  const Eigen::Matrix3d share = J * without.solve(J.transpose());
+  // At the optimum it has pulled the marker by as much.
+  const Eigen::Vector3d innovation = residual + weight * share * residual;
+  const Eigen::Matrix3d covariance = Eigen::Matrix3d::Identity() + share;
+  return innovation.dot(covariance.llt().solve(innovation));
 }
 
 }  // namespace
@@ -53,11 +85,12 @@ Task<BundleSummary> BundleAdjuster::run(Budget* budget) {
   while (going_on && summary_.iterations < options_.max_iterations && lambda_ < kHopeless) {
     const bool at_gate = summary_.iterations >= options_.gate_after * options_.max_iterations;
     if (at_gate && !gate_passed_) {
-      summary_.failed = !co_await gateViews(budget);
+      summary_.failed = !co_await gate(budget);
       if (summary_.failed) break;
     }
     going_on = co_await iterate(budget);
   }
+  weighConstraints(1.0 / summary_.residual_sigma, &problem_);  // the next one has noise of its own
   co_return summary_;
 }
 
@@ -69,6 +102,7 @@ Task<bool> BundleAdjuster::begin(Budget* budget) {
     if (seen) summary_.residual_sigma = co_await residualSigma(squared, budget);
     options_.huber *= summary_.residual_sigma;
   }
+  weighConstraints(summary_.residual_sigma, &problem_);
   const bool seen = co_await linearize(problem_, whitened_, options_.huber, &equations_, budget);
   if (!seen) co_return false;
   summary_.initial_cost = summary_.final_cost = equations_.cost;
@@ -111,8 +145,8 @@ Task<bool> BundleAdjuster::iterate(Budget* budget) {
     co_return true;
   // Converged, and done unless the gate has something to say.
   if (gate_passed_) co_return false;
-  summary_.failed = !co_await gateViews(budget);
-  co_return !summary_.failed && summary_.gated_views > 0;
+  summary_.failed = !co_await gate(budget);
+  co_return !summary_.failed && (summary_.gated_views > 0 || summary_.gated_constraints > 0);
 }
 
 Task<bool> BundleAdjuster::move(Budget* budget) {
@@ -133,8 +167,45 @@ void BundleAdjuster::accept(double cost) {
   lambda_ = std::max(0.1 * lambda_, 1e-12);
 }
 
-Task<bool> BundleAdjuster::gateViews(Budget* budget) {
+Task<bool> BundleAdjuster::gate(Budget* budget) {
   gate_passed_ = true;
+  if (!problem_.constraints.empty()) {
+    const bool rest = co_await gateConstraints(budget);
+    if (!rest) co_return false;
+  }
+  co_return co_await gateViews(budget);
+}
+
+Task<bool> BundleAdjuster::gateConstraints(Budget* budget) {
+  if (!(problem_.constraint_gate > 0.0) || options_.view_chi2 <= 0.0) co_return true;
+  const auto at = [](int index) { return static_cast<std::size_t>(index); };
+  std::vector<double> squared(at(problem_.constraint_sources), 0.0);
+  for (const BundleProblem::Constraint& constraint : problem_.constraints) {
+    for (const BundleProblem::Relation& relation : constraint.relations) {
+      co_await budget->spend(kTestConstraint);
+      squared[at(relation.source)] +=
+          contradiction(relation, problem_.cameras[at(constraint.camera)].T,
+                        problem_.markers[at(constraint.marker)],
+                        equations_.H_marker[at(constraint.marker)], options_.huber);
+    }
+  }
+  const double worst = problem_.constraint_gate * summary_.residual_sigma;
+  const auto isContradicted = [&](double sum) { return sum > worst * worst; };
+  summary_.gated_constraints = static_cast<int>(std::ranges::count_if(squared, isContradicted));
+  if (summary_.gated_constraints == 0) co_return true;
+  for (BundleProblem* const problem : {&problem_, &trial_}) {
+    for (BundleProblem::Constraint& constraint : problem->constraints) {
+      for (BundleProblem::Relation& relation : constraint.relations) {
+        if (isContradicted(squared[at(relation.source)])) relation.weight *= kLeftOut;
+      }
+    }
+  }
+  const bool rest = co_await linearize(problem_, whitened_, options_.huber, &equations_, budget);
+  if (rest) summary_.final_cost = equations_.cost;
+  co_return rest;
+}
+
+Task<bool> BundleAdjuster::gateViews(Budget* budget) {
   if (options_.view_chi2 <= 0.0) co_return true;
   std::vector<double> squared;
   const bool seen = co_await cornerErrors(problem_, whitened_, &squared, budget);

@@ -53,7 +53,8 @@ struct BundleSummary {
   int iterations = 0;
   // Standard deviation of the whitened residuals at the start; 1 when it was not estimated.
   double residual_sigma = 1.0;
-  int gated_views = 0;  // left out after the gate
+  int gated_views = 0;        // left out after the gate
+  int gated_constraints = 0;  // likewise: sources (BundleProblem::Relation)
   // A step could not be computed (singular problem): the poses are the best found so far.
   bool failed = false;
 };
@@ -88,7 +89,10 @@ class BundleAdjuster {
   // Applies step_ to the trial. False when it leaves what a lens can be.
   Task<bool> move(Budget* budget);
   void accept(double cost);
-  // Leaves gross views out from here on. False when the rest has no cost.
+  // Leaves gross views, and what they contradict, out from here on. False when the rest has no
+  // cost.
+  Task<bool> gate(Budget* budget);
+  Task<bool> gateConstraints(Budget* budget);
   Task<bool> gateViews(Budget* budget);
   [[nodiscard]] std::vector<std::size_t> outlierViews(const std::vector<double>& squared) const;
 

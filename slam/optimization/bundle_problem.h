@@ -37,6 +37,28 @@ struct BundleProblem {
     Transform T_c_m;
     Matrix6d information = Matrix6d::Identity();  // 1/m^2, 1/rad^2
   };
+  // How a marker lies to a frame that is an unknown itself (a plane, the vertical, a ruler between
+  // two corners; the world is one that is fixed): some vectors of the marker's are there where the
+  // frame has them (marker_relation.h). Such frames are poses among the cameras, behind those that
+  // see anything. One constraint for each pair of frame and marker.
+  struct Relation {
+    Eigen::Vector3d in_marker = Eigen::Vector3d::Zero();  // a point, metres; or a direction
+    bool is_point = false;
+    Eigen::Vector3d in_frame = Eigen::Vector3d::Zero();
+    Eigen::Vector3d weight = Eigen::Vector3d::Zero();  // 1 / sigma along the frame's axes; or 0
+    int source = -1;  // relations of one source are one residual to the gate
+  };
+  struct Constraint {
+    int camera = 0;  // index into cameras
+    int marker = 0;  // index into markers
+    std::vector<Relation> relations;
+  };
+  // What none of a frame's relations depends on: held where it is, so that the frame has a place.
+  struct Gauge {
+    int camera = 0;                           // index into cameras
+    Vector6d information = Vector6d::Zero();  // of (dp, dtheta) in the frame's axes
+  };
+
   // Intrinsics as unknowns (section 4.10), held by what the calibration says of them.
   struct Lens {
     CameraModel camera;     // the unknown, as it is now
@@ -61,19 +83,27 @@ struct BundleProblem {
   std::vector<Observation> observations;
   std::vector<Prior> priors;
   std::vector<Link> links;
+  std::vector<Constraint> constraints;
+  std::vector<Gauge> gauges;
+  int constraint_sources = 0;
+  double constraint_gate = 0.0;  // sigmas; 0 for none
   std::optional<Lens> lens;
   std::optional<Shutter> shutter;
 
-  // What ties cameras to markers: the observations, and behind them the links.
+  // What ties cameras to markers: the observations, behind them the links, then the constraints.
   struct Tie {
     int camera = 0;
     int marker = 0;
   };
-  [[nodiscard]] std::size_t ties() const { return observations.size() + links.size(); }
+  [[nodiscard]] std::size_t ties() const {
+    return observations.size() + links.size() + constraints.size();
+  }
   [[nodiscard]] Tie tie(std::size_t i) const {
     if (i < observations.size()) return {observations[i].camera, observations[i].marker};
-    const Link& link = links[i - observations.size()];
-    return {link.camera, link.marker};
+    i -= observations.size();
+    if (i < links.size()) return {links[i].camera, links[i].marker};
+    const Constraint& constraint = constraints[i - links.size()];
+    return {constraint.camera, constraint.marker};
   }
 
   // Unknowns that every observation depends on: intrinsics, then the readout time.

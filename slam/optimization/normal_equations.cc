@@ -10,6 +10,7 @@
 #include "slam/geometry/robust.h"
 #include "slam/geometry/turned_covariance.h"
 #include "slam/optimization/block_kernels.h"
+#include "slam/optimization/marker_relation.h"
 
 namespace waymark::slam {
 namespace {
@@ -22,6 +23,8 @@ constexpr double kResiduals = 0.06;  // of an observation
 constexpr double kLinearize = 0.35;
 constexpr double kDifferentiateByGlobals = 0.5;
 constexpr double kResetPose = 0.035;
+constexpr double kRelate = 0.3;          // a constraint
+constexpr double kRelationsCost = 0.05;  // of one
 
 // An observation's residuals (two by corner), and their derivatives by its marker's pose and by the
 // globals; those by the camera's follow from the marker's.
@@ -187,6 +190,35 @@ void addLinks(const BundleProblem& problem, NormalEquations* equations) {
   }
 }
 
+// What frames say of the markers, and where they are themselves.
+Task<Done> addConstraints(const BundleProblem& problem, double huber, NormalEquations* equations,
+                          Budget* budget) {
+  const std::size_t first = problem.observations.size() + problem.links.size();
+  for (std::size_t i = 0; i < problem.constraints.size(); ++i) {
+    co_await budget->spend(kRelate);
+    const BundleProblem::Constraint& constraint = problem.constraints[i];
+    const RelationSums sums =
+        sumRelations(constraint.relations, problem.cameras[at(constraint.camera)].T,
+                     problem.markers[at(constraint.marker)].T, huber);
+    addTie(problem, first + i, sums.H, sums.g, equations);
+  }
+  for (const BundleProblem::Gauge& gauge : problem.gauges) {
+    equations->H_camera[at(gauge.camera)] +=
+        turnedCovariance(problem.cameras[at(gauge.camera)].T.R, gauge.information.asDiagonal());
+  }
+  co_return Done{};
+}
+
+Task<double> constraintCost(const BundleProblem& problem, double huber, Budget* budget) {
+  double cost = 0.0;
+  for (const BundleProblem::Constraint& constraint : problem.constraints) {
+    co_await budget->spend(kRelationsCost);
+    cost += relationCost(constraint.relations, problem.cameras[at(constraint.camera)].T,
+                         problem.markers[at(constraint.marker)].T, huber);
+  }
+  co_return cost;
+}
+
 Vector6d priorError(const BundleProblem& problem, const BundleProblem::Prior& prior) {
   return prior.T_w_m.localCoordinates(problem.markers[at(prior.marker)].T);
 }
@@ -294,6 +326,10 @@ Task<bool> robustCost(const BundleProblem& problem, const std::vector<WhitenedVi
     if (!seen) co_return false;
   }
   *cost += priorCost(problem);
+  if (!problem.constraints.empty()) {
+    const double of_constraints = co_await constraintCost(problem, huber, budget);
+    *cost += of_constraints;
+  }
   co_return true;
 }
 
@@ -325,6 +361,11 @@ Task<bool> linearize(const BundleProblem& problem, const std::vector<WhitenedVie
   equations->cost += priorCost(problem);
   addPriors(problem, equations);
   addLinks(problem, equations);
+  if (!problem.constraints.empty()) {
+    const double of_constraints = co_await constraintCost(problem, huber, budget);
+    equations->cost += of_constraints;
+    (void)co_await addConstraints(problem, huber, equations, budget);
+  }
   co_return true;
 }
 

@@ -133,6 +133,50 @@ TEST(NormalEquations, TheGradientOfLinksMatchesFiniteDifferences) {
   }
 }
 
+// A frame that all markers are tied to, by a point and by a direction each; no relation is far from
+// holding.
+void addFrame(Scenario* s) {
+  BundleProblem& problem = s->problem;
+  const auto frame = static_cast<int>(problem.cameras.size());
+  const Transform T_w_f = testing::disturbed(problem.markers[0].T, 0.3, &s->rng);
+  problem.cameras.push_back({T_w_f, false});
+  Vector6d gauge = Vector6d::Zero();
+  gauge[5] = 1e3;
+  problem.gauges.push_back({frame, gauge});
+  for (std::size_t m = 0; m < problem.markers.size(); ++m) {
+    const Transform T_f_m =
+        T_w_f.inverse() * testing::disturbed(problem.markers[m].T, 0.01, &s->rng);
+    BundleProblem::Relation point{{0.03, -0.05, 0.0}, true, {}, {50.0, 0.0, 200.0}, 0};
+    point.in_frame = T_f_m * point.in_marker;
+    BundleProblem::Relation direction{{0.0, 0.0, 1.0}, false, {}, {30.0, 40.0, 50.0}, 0};
+    direction.in_frame = T_f_m.R * direction.in_marker;
+    problem.constraints.push_back({frame, static_cast<int>(m), {point, direction}});
+  }
+  problem.constraint_sources = 1;
+}
+
+TEST(NormalEquations, TheGradientOfConstraintsMatchesFiniteDifferences) {
+  Scenario s(6, 0.3, 3, 1, 4);
+  addFrame(&s);
+  const auto whitened = whitenViews(s.problem);
+  constexpr double kHuber = 20.0;
+  const NormalEquations equations = linearized(s.problem, whitened, kHuber);
+  const Eigen::VectorXd g = wholeGradient(s.problem, equations);
+  const Eigen::MatrixXd H = wholeMatrix(s.problem, equations);
+  double cost = 0.0;
+  ASSERT_TRUE(robustCost(s.problem, whitened, kHuber, &cost));
+  EXPECT_DOUBLE_EQ(cost, equations.cost);
+  for (int i = 0; i < g.size(); ++i) {
+    constexpr double kStep = 1e-6;
+    double up = 0.0;
+    double down = 0.0;
+    ASSERT_TRUE(robustCost(moved(s.problem, i, kStep), whitened, kHuber, &up));
+    ASSERT_TRUE(robustCost(moved(s.problem, i, -kStep), whitened, kHuber, &down));
+    const double unit = std::sqrt(H(i, i) * cost);
+    EXPECT_NEAR((up - down) / (4.0 * kStep), g[i], 1e-5 * unit) << "unknown " << i;
+  }
+}
+
 // Priors of all kinds, some corners beyond the kernel, with and without a lens: the gradient is
 // that of the cost.
 TEST(NormalEquations, TheGradientMatchesFiniteDifferences) {
@@ -230,6 +274,37 @@ TEST(NormalEquations, TheSchurComplementSolvesTheWholeSystem) {
       if (with_lens) {
         EXPECT_LT((step.globals.head<9>() - x.tail<9>()).norm(), 1e-6 * x.tail<9>().norm());
       }
+    }
+  }
+}
+
+// Frames go, or stay, with the cameras.
+TEST(NormalEquations, TheSchurComplementSolvesForFramesToo) {
+  for (const int cameras : {3, 8}) {
+    Scenario s(7, 0.2, cameras, 1, 5);
+    s.anchor(1, Vector6d::Zero(), 0.01, 0.02);
+    addFrame(&s);
+    const NormalEquations equations = linearized(s.problem, whitenViews(s.problem), kNoKernel);
+    constexpr double kLambda = 1e-2;
+    SchurComplement schur;
+    (void)runToCompletion([&](Budget* a) { return schur.arrange(s.problem, a); });
+    BundleStep step;
+    ASSERT_TRUE(runToCompletion(
+        [&](Budget* a) { return schur.solve(s.problem, equations, kLambda, &step, a); }));
+    Eigen::MatrixXd H = wholeMatrix(s.problem, equations);
+    Eigen::VectorXd g = wholeGradient(s.problem, equations);
+    H.diagonal() *= 1.0 + kLambda;
+    H.topRows<6>().setZero();  // the first camera is fixed
+    H.leftCols<6>().setZero();
+    H.topLeftCorner<6, 6>().setIdentity();
+    g.head<6>().setZero();
+    const Eigen::VectorXd x = -H.ldlt().solve(g);
+    const int frame = cameras;
+    EXPECT_GT(x.segment<6>(6 * frame).norm(), 1e-6);
+    for (int i = 0; i < cameras + 1 + 5; ++i) {
+      const auto at = static_cast<std::size_t>(i <= frame ? i : i - frame - 1);
+      const Vector6d& found = i <= frame ? step.camera[at] : step.marker[at];
+      EXPECT_LT((found - x.segment<6>(6 * i)).norm(), 1e-6 * x.norm()) << i;
     }
   }
 }

@@ -10,6 +10,7 @@
 #include "base/sorted.h"
 #include "slam/geometry/turned_covariance.h"
 #include "slam/map/world_reference.h"
+#include "slam/optimization/constraint_frames.h"
 #include "slam/option_checks.h"
 
 namespace waymark::slam {
@@ -21,6 +22,7 @@ constexpr double kTakePose = 0.4;
 constexpr double kTakeCovariance = 1.0;
 constexpr double kFindKeyframe = 1.5;
 constexpr double kFindView = 0.1;
+constexpr double kConstrainMarker = 3.0;  // its frames are fitted
 
 // Markers and keyframes come in batches: a part of the usual size at once, as the map is then.
 constexpr std::size_t kBatch = 500;
@@ -81,6 +83,61 @@ void addLinks(const Keyframe& keyframe, int camera, Subproblem* part) {
     if (marker < 0 || keyframe.find(link.marker) != nullptr) continue;
     part->problem.links.push_back({camera, marker, link.T_c_m, link.covariance.inverse()});
   }
+}
+
+// Where the markers have more to obey than their views: the frames that some of these are tied to,
+// and the others that are, held where they are.
+class ConstraintsOfPart {
+ public:
+  ConstraintsOfPart(std::span<const ConstrainedMarker> markers, Subproblem* part)
+      : markers_(markers), part_(part), index_(markers.size(), -1) {
+    for (std::size_t i = 0; i < markers.size(); ++i) index_[i] = part->markerIndex(markers[i].id);
+  }
+
+  void add(const ConstraintFrame& frame) {
+    const auto takesPart = [&](const ConstraintFrame::Member& member) {
+      const int id = markers_[member.marker].id;
+      return part_->markerIndex(id) >= 0;
+    };
+    if (std::ranges::none_of(frame.members, takesPart)) return;
+    BundleProblem& problem = part_->problem;
+    const auto camera = static_cast<int>(problem.cameras.size());
+    problem.cameras.push_back({frame.T_w_f, frame.fixed});
+    problem.gauges.push_back({camera, frame.gauge});
+    for (const ConstraintFrame::Member& member : frame.members) {
+      problem.constraints.push_back({camera, indexOf(member.marker), member.relations});
+    }
+  }
+
+ private:
+  int indexOf(std::size_t marker) {
+    int& index = index_[marker];
+    if (index >= 0) return index;
+    index = static_cast<int>(part_->problem.markers.size());
+    part_->problem.markers.push_back({markers_[marker].T_w_m, true});
+    part_->problem.marker_sizes_m.push_back(markers_[marker].size_m);
+    return index;
+  }
+
+  std::span<const ConstrainedMarker> markers_;
+  Subproblem* part_;
+  std::vector<int> index_;  // into the problem's markers; -1 for one that is not among them yet
+};
+
+Task<Done> addConstraints(const Map& map, const MarkerOptions& options, Subproblem* part,
+                          Budget* budget) {
+  const std::vector<ConstrainedMarker> markers = constrainedMarkers(map, options);
+  co_await budget->spend(kConstrainMarker * static_cast<double>(markers.size()));
+  const ConstraintFrames known =
+      constraintFrames(options.constraints, markers, isInSurvey(map, options));
+  ConstraintsOfPart constraints(markers, part);
+  for (const ConstraintFrame& frame : known.frames) constraints.add(frame);
+  for (const MeasuredDistance& distance : known.distances) {
+    constraints.add(rulerOf(distance, markers));
+  }
+  part->problem.constraint_sources = static_cast<int>(known.sources.size());
+  part->problem.constraint_gate = options.constraints.gate_sigmas;
+  co_return Done{};
 }
 
 // The keyframes that say something about a marker: those that see it, and those linked to it.
@@ -259,6 +316,9 @@ Task<Subproblem> buildSubproblem(const Map& map, SubproblemMembers roles,
     addLinks(found->second, static_cast<int>(c), &part);
     co_await budget->spend(kTakeView *
                            static_cast<double>(views.size() + found->second.links.size()));
+  }
+  if (!markers.constraints.empty()) {
+    (void)co_await addConstraints(map, markers, &part, budget);
   }
   co_return part;
 }

@@ -22,7 +22,9 @@ struct Subproblem {
     int id = -1;
     std::size_t former_poses = 0;  // how many it had: another number, another place on the wall
   };
-  BundleProblem problem;                     // its observations point to the detections
+  // Its observations point to the detections. Behind the keyframes and markers of the part come
+  // the frames and markers that constraints need (constraint_frames.h).
+  BundleProblem problem;
   std::vector<KeyframeId> keyframes;         // by camera, ascending
   std::vector<Marker> markers;               // by marker, ascending
   std::vector<SharedDetections> detections;  // of the keyframes

@@ -11,6 +11,7 @@
 #include <Eigen/LU>
 #include <ceres/ceres.h>
 
+#include "slam/map/marker_constraints.h"
 #include "slam/optimization/bundle_problem.h"
 
 namespace waymark::slam::testing {
@@ -68,6 +69,26 @@ class CeresBundle {
   CeresBundle(const CeresBundle&) = delete;  // Ceres points into it
   CeresBundle& operator=(const CeresBundle&) = delete;
 
+  // Between two corners of two markers of that size.
+  void addDistance(const CornerDistance& distance, double size_m) {
+    problem_.AddResidualBlock(
+        new ceres::NumericDiffCostFunction<DistanceResidual, ceres::CENTRAL, 1, 6, 6>(
+            new DistanceResidual{distance, size_m}),
+        nullptr, markers_[at(distance.id_a)].data(), markers_[at(distance.id_b)].data());
+  }
+  // All of them face out of one plane.
+  void addPlane(const std::vector<int>& markers, double sigma_m, double sigma_rad) {
+    const Transform T_w_m = marker(markers.front());
+    const Eigen::Vector3d n = T_w_m.R.col(2);
+    planes_.push_back({n.x(), n.y(), n.z(), n.dot(T_w_m.p)});
+    for (const int m : markers) {
+      problem_.AddResidualBlock(
+          new ceres::NumericDiffCostFunction<PlaneResidual, ceres::CENTRAL, 4, 4, 6>(
+              new PlaneResidual{sigma_m, sigma_rad}),
+          nullptr, planes_.back().data(), markers_[at(m)].data());
+    }
+  }
+
   double cost() { return costWithCeres(&problem_); }
   double solve() { return solveWithCeres(&problem_); }
   [[nodiscard]] Transform camera(int i) const { return poseOf(cameras_[at(i)].data()); }
@@ -116,6 +137,30 @@ class CeresBundle {
     Matrix6d root;  // root^T root is the information
     bool operator()(const double* marker, double* residual) const {
       Eigen::Map<Vector6d>(residual, 6) = root * T_w_m.localCoordinates(poseOf(marker));
+      return true;
+    }
+  };
+
+  struct DistanceResidual {
+    CornerDistance known;
+    double size_m;
+    bool operator()(const double* a, const double* b, double* residual) const {
+      const auto corners = markerCorners(size_m);
+      const Eigen::Vector3d along =
+          poseOf(a) * corners[at(known.corner_a)] - poseOf(b) * corners[at(known.corner_b)];
+      *residual = (along.norm() - known.distance_m) / known.sigma_m;
+      return true;
+    }
+  };
+
+  // Of a normal of any length, and the distance of the plane from the origin.
+  struct PlaneResidual {
+    double sigma_m, sigma_rad;
+    bool operator()(const double* plane, const double* marker, double* residual) const {
+      const Eigen::Vector3d n = Eigen::Vector3d(plane[0], plane[1], plane[2]).normalized();
+      const Transform T_w_m = poseOf(marker);
+      residual[0] = (n.dot(T_w_m.p) - plane[3]) / sigma_m;
+      Eigen::Map<Eigen::Vector3d>(residual + 1) = (T_w_m.R.col(2) - n) / sigma_rad;
       return true;
     }
   };
@@ -178,6 +223,7 @@ class CeresBundle {
   }
 
   std::deque<PoseBlock> cameras_, markers_;
+  std::deque<std::array<double, 4>> planes_;
   IntrinsicVector intrinsics_ = IntrinsicVector::Zero();
   ceres::Problem problem_;
 };
