@@ -33,9 +33,9 @@ int keyframesSince(const Map& map, std::int64_t since_ns) {
 }
 
 // And the cameras find their places among them.
-void holdMarkers(BundleProblem* problem) {
-  for (BundleProblem::Pose& marker : problem->markers) marker.fixed = true;
-  for (BundleProblem::Pose& camera : problem->cameras) camera.fixed = false;
+void holdMarkers(Subproblem* part) {
+  for (BundleProblem::Pose& marker : part->problem.markers) marker.fixed = true;
+  for (std::size_t k = 0; k < part->keyframes.size(); ++k) part->problem.cameras[k].fixed = false;
 }
 
 void holdLens(const LensProblem& lens, BundleProblem* problem) {
@@ -182,7 +182,7 @@ Task<std::optional<LensEstimate>> estimateLens(const Map& map, const MarkerOptio
   SubproblemMembers members =
       whole ? wholeMap(map) : newestMap(map, std::min(of_this_lens, lens.max_keyframes));
   Subproblem part = co_await buildSubproblem(map, std::move(members), markers, budget);
-  if (lens.markers_held) holdMarkers(&part.problem);
+  if (lens.markers_held) holdMarkers(&part);
   if (!lens.readout_known) freeReadout(map, lens.readout_s, lens.in_use, &part);
   freeLens(lens.in_use, lens, &part.problem);
   // What another readout time explains as well is not the lens': so the one in use is tried with
