@@ -17,18 +17,29 @@
 #include "io/maps/posed_markers.h"
 #include "io/maps/tagslam_map.h"
 #include "io/maps/wpilib_map.h"
+#include "io/settings/marker_ids.h"
 #include "io/settings/slam_settings.h"
 #include "io/text/number_text.h"
 #include "io/text/text_file.h"
 #include "io/trajectory.h"
 #include "slam/options.h"
 #include "tools/exit_code.h"
+#include "tools/maps/map_align.h"
 #include "tools/maps/map_info.h"
 #include "tools/maps/map_merge.h"
 #include "tools/number_arguments.h"
 
 namespace waymark::tools {
 namespace {
+
+struct AlignArguments {
+  std::string map;
+  std::string floor;
+  std::string up;
+  std::optional<int> origin;
+  std::optional<int> xy;
+  std::string out;
+};
 
 // What a subcommand has to say on stdout.
 using Outcome = Result<std::string>;
@@ -236,6 +247,57 @@ Outcome merge(const MergeArguments& arguments) {
   return text;
 }
 
+Result<AlignOptions> optionsOf(const AlignArguments& arguments) {
+  AlignOptions options;
+  options.origin = arguments.origin;
+  options.xy = arguments.xy;
+  const auto parse = [](const std::string& name, const std::string& text,
+                        std::vector<slam::IdRange>* ids) -> Status {
+    if (text.empty()) return success();
+    const auto ranges = io::parseIdRanges(text);
+    if (!ranges) return Error{name + ": " + ranges.error().message};
+    *ids = *ranges;
+    return success();
+  };
+  if (const Status read = parse("--floor", arguments.floor, &options.floor); !read) {
+    return read.error();
+  }
+  if (const Status read = parse("--up", arguments.up, &options.up); !read) return read.error();
+  if (std::string reason = options.invalidReason(); !reason.empty()) return Error{reason};
+  return options;
+}
+
+// The piece that has any of them.
+slam::Map* pieceWith(const std::vector<slam::IdRange>& ids, io::MapFile* file) {
+  const auto has = [&](const slam::Map& map) {
+    return std::ranges::any_of(map.markers(), [&](const auto& entry) {
+      const auto contains = [&](const slam::IdRange& range) { return range.contains(entry.first); };
+      return entry.second.T_w_m && std::ranges::any_of(ids, contains);
+    });
+  };
+  if (has(file->map)) return &file->map;
+  const auto found = std::ranges::find_if(file->other_pieces, has);
+  return found == file->other_pieces.end() ? &file->map : &*found;
+}
+
+Outcome align(const AlignArguments& arguments) {
+  const Result<AlignOptions> options = optionsOf(arguments);
+  if (!options) return options.error();
+  Result<io::MapFile> file = io::readMap(arguments.map);
+  if (!file) return file.error();
+  slam::Map* const piece = pieceWith(options->named(), &*file);
+  const std::string in_piece =
+      file->other_pieces.empty() ? std::string() : "piece " + std::to_string(piece->piece) + ": ";
+  const Result<AlignReport> report = alignMap(piece, *options);
+  if (!report) return Error{arguments.map + ": " + in_piece + report.error().message};
+  std::vector<const slam::Map*> others;
+  for (const slam::Map& other : file->other_pieces) others.push_back(&other);
+  const Status written = io::writeTextFile(
+      arguments.out, io::formatMap(file->map, file->camera, file->readout_s, file->field, others));
+  if (!written) return written.error();
+  return in_piece + alignText(*report);
+}
+
 // Runs a subcommand with its arguments when it was chosen.
 template <typename Arguments>
 void onCall(CLI::App* command, const std::shared_ptr<Arguments>& arguments,
@@ -311,15 +373,38 @@ void addMerge(CLI::App& map, int* exit_code) {
   onCall(command, arguments, merge, exit_code);
 }
 
+void addAlign(CLI::App& map, int* exit_code) {
+  CLI::App* command =
+      map.add_subcommand("align", "Move a map into a world with floor, vertical and origin");
+  const auto arguments = std::make_shared<AlignArguments>();
+  command->add_option("map", arguments->map, "A map.json")->required();
+  command->add_option("--floor", arguments->floor,
+                      "Markers that lie on the floor, face up: \"3, 7-9\"; z is 0 there, and up");
+  command->add_option("--up", arguments->up,
+                      "Markers that hang upright: z is up as their y axes are");
+  command
+      ->add_option("--origin", arguments->origin,
+                   "The marker whose centre is the origin, or, with --floor, is above it")
+      ->check(wholeNumberFrom(0, 1'000'000));
+  command
+      ->add_option("--xy", arguments->xy,
+                   "The marker that the x axis points to, from the one of --origin")
+      ->check(wholeNumberFrom(0, 1'000'000));
+  command->add_option("--out", arguments->out, "The file to write; may be the map's own")
+      ->required();
+  onCall(command, arguments, align, exit_code);
+}
+
 }  // namespace
 
 void addMapCommand(CLI::App& app, int* exit_code) {
-  CLI::App* map = app.add_subcommand("map", "Look into maps, translate them, join them");
+  CLI::App* map = app.add_subcommand("map", "Look into maps, translate, join and align them");
   map->require_subcommand(1);
   addInfo(*map, exit_code);
   addExport(*map, exit_code);
   addImport(*map, exit_code);
   addMerge(*map, exit_code);
+  addAlign(*map, exit_code);
 }
 
 }  // namespace waymark::tools

@@ -96,6 +96,13 @@ measure_long() {
     '{run: $run.name, made: $made, reports: $reports[0]}' | write_json "$2"
 }
 
+# measure_constraints RUN FILE: drift along a wall, with what is known of it and without.
+measure_constraints() {
+  run_bench constraints "$1" --json "$work/constraints.json"
+  jq -n --argjson run "$1" --argjson made "$(provenance)" --slurpfile known "$work/constraints.json" \
+    '{run: $run.name, made: $made, known: $known[0]}' | write_json "$2"
+}
+
 # measure_gaps RUN FILE: poses between markers; a row may have a figure of its first run.
 measure_gaps() {
   local figure keep=()

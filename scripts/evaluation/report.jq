@@ -168,6 +168,18 @@ def target_table:
          by_seed(.px.mean), by_seed(.px.worst),
          "mean <= \($plan.target_px)", (target_missed($plan.target_px) | verdict), .made.commit] end]);
 
+def by_constraint_seed(f): [.seeds[] | f | digits] | join(", ");
+def signed: if . < 0 then "-" + (-. | digits) else digits end;
+def constraint_table:
+  table(["corridor", "known of its markers", "drift live, mm, by seed", "drift final, mm, by seed", "along, out, up, mm, by seed",
+         "told, mm, by seed", "NEES, by seed", "version"];
+    [$plan.constraints[] as $plan | first($constraints[] | select(.run == $plan.name)) // null
+      | if . == null then [$plan.what, "not measured"] + [range(6) | ""] else
+        .made.commit as $commit | .known[]
+        | [$plan.what, .known, by_constraint_seed(.live.distance_mm), by_constraint_seed(.final.distance_mm),
+           ([.seeds[].final | "\(.along_mm | signed) \(.out_mm | signed) \(.up_mm | signed)"] | join(", ")),
+           by_constraint_seed(.final.sigma_mm), by_constraint_seed(.final.nees), $commit] end]);
+
 def recording_missed($t):
   [ (select($t.markers and .stats.markers < $t.markers) | "markers"),
     (select($t.rms_px and .map_rms_px == null) | "RMS not measured"),
@@ -209,6 +221,9 @@ $text.corners, "", corner_table,
 "## Very many frames, very many markers",
 "",
 $text.long, "", long_table,
+"## What is known of markers",
+"",
+$text.constraints, "", constraint_table,
 "## Between markers",
 "",
 $text.gaps, "", gap_table,

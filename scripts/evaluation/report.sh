@@ -48,6 +48,15 @@ the mean squared error in units of the corner's own covariance: 1 is exact, less
     --arg long "\
 Corners projected from the truth with 0.1 px of noise, no images. CPU time of the SLAM thread per frame;
 each line is of the frames since the line before, ATE too." \
+    --arg constraints "\
+Somebody walks once along a corridor with markers of 16 cm on one wall only, a metre apart, and never comes
+back: 640x480, 30 fps, 1.6 m from the wall, corners projected from the truth with 0.3 px of noise, lens known.
+*Drift*: how far the last three markers are from the truth on the average, where the map's first quarter
+lies on it; of it *along* the wall, *out* of it and *up*. *Told*: the standard deviation of their places in the
+world of the first keyframe, as the map has it, and NEES there, where 3 is expected. *One plane*: all of
+them hang on one wall, whatever it is (3 mm, 0.01 rad); *two distances*: a tape of half the length from the first
+to the middle one, and on to the last (3 mm). The truth has these errors.
+\`build/release/tests/bench/constraints\` is the same by itself." \
     --arg gaps "\
 Rendered scenes, three seeds, as live, with the lens known: from the last frame with a marker on there is
 nothing but natural features. *Off at the end*: the last carried pose against the truth, seen from the
@@ -82,6 +91,7 @@ look at: \`${kept#"$PWD"/}/*/map.svg\`." '$ARGS.named'
 # assemble FILE: the report from all that was measured.
 assemble() {
   local rows=("$measured"/rows/*.json) recordings=("$measured"/recordings/*.json) long=("$measured"/long/*.json) gaps=("$measured"/gaps/*.json)
+  local constraints=("$measured"/constraints/*.json)
   local targets=("$measured"/targets/*.json) corners=$work/null.json
   echo null > "$work/null.json"
   [[ -f $measured/corners.json ]] && corners=$measured/corners.json
@@ -90,13 +100,14 @@ assemble() {
   jq -s . "${long[@]}" /dev/null > "$work/long_runs.json"
   jq -s . "${gaps[@]}" /dev/null > "$work/gap_runs.json"
   jq -s . "${targets[@]}" /dev/null > "$work/target_runs.json"
+  jq -s . "${constraints[@]}" /dev/null > "$work/constraint_runs.json"
   texts > "$work/texts.json"
   jq -nr --slurpfile plans "$plan" --slurpfile rows "$work/rows.json" --slurpfile text "$work/texts.json" \
     --slurpfile seen "$work/recordings.json" --slurpfile corner "$corners" \
     --slurpfile walks "$work/long_runs.json" --slurpfile between "$work/gap_runs.json" \
-    --slurpfile points "$work/target_runs.json" \
+    --slurpfile points "$work/target_runs.json" --slurpfile bounds "$work/constraint_runs.json" \
     --arg header "$(header "${rows[@]}")" \
-    "\$plans[0] as \$plan | \$rows[0] as \$results | \$seen[0] as \$recordings | \$walks[0] as \$long | \$between[0] as \$gaps | \$points[0] as \$targets | \$corner[0] as \$corners
+    "\$plans[0] as \$plan | \$rows[0] as \$results | \$seen[0] as \$recordings | \$walks[0] as \$long | \$between[0] as \$gaps | \$points[0] as \$targets | \$bounds[0] as \$constraints | \$corner[0] as \$corners
      | \$text[0] as \$text | $(sed '/^#/d' scripts/evaluation/report.jq)" > "$1.partial"
   mv "$1.partial" "$1"
 }
