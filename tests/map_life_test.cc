@@ -57,6 +57,15 @@ class MapLife : public ::testing::Test {
     return file ? std::move(file).value() : io::MapFile();
   }
 
+  [[nodiscard]] std::vector<int> posedIds(const std::string& name) {
+    std::vector<int> ids;
+    const slam::Map map = readMap(name).map;
+    for (const auto& [id, marker] : map.markers()) {
+      if (marker.T_w_m) ids.push_back(id);
+    }
+    return ids;
+  }
+
   // How far apart the distances between markers are from the true ones, at worst, metres.
   [[nodiscard]] double worstDistance(const slam::Map& map) const {
     double worst = 0.0;
@@ -301,4 +310,62 @@ TEST_F(MapLife, Merge) {
 }
 
 }  // namespace
+// The first marker of a map is its origin, the x axis points to the second.
+TEST_F(MapLife, IsAlignedByItsMarkers) {
+  ASSERT_EQ(run("left", "a").exit_code, 0);
+  const std::vector<int> ids = posedIds("a/map.json");
+  ASSERT_GE(ids.size(), 2U);
+  const std::string first = std::to_string(ids[0]);
+  const std::string second = std::to_string(ids[1]);
+  const auto align = [&](std::vector<std::string> more) {
+    std::vector<std::string> arguments = {"map", "align", path("a/map.json"), "--out",
+                                          path("aligned.json")};
+    arguments.insert(arguments.end(), more.begin(), more.end());
+    return waymark(arguments);
+  };
+  expectBadInput(align({"--xy", second}), "nothing to align by: give --floor, --up or --origin");
+  expectBadInput(align({"--floor", "1-x"}), "--floor: '1-x' must be an id or a range of ids");
+  expectBadInput(align({"--origin", "49"}), "a/map.json: marker 49 has no place in the map");
+  EXPECT_FALSE(fs::exists(path("aligned.json")));
+
+  const ProgramResult result = align({"--origin", first, "--xy", second});
+  ASSERT_EQ(result.exit_code, 0) << result.err;
+  EXPECT_TRUE(result.out.starts_with("moved by ")) << result.out;
+  const slam::Map map = readMap("aligned.json").map;
+  EXPECT_LT(map.findPosed(ids[0])->T_w_m->p.norm(), 1e-9);
+  EXPECT_LT(map.findPosed(ids[1])->T_w_m->p.tail<2>().norm(), 1e-9);
+  EXPECT_GT(map.findPosed(ids[1])->T_w_m->p.x(), 0.1);
+  // And it is a map to go on with.
+  const ProgramResult on = run("left", "b", {"--map-in", path("aligned.json"), "--localize-only"});
+  EXPECT_EQ(on.exit_code, 0) << on.err;
+  EXPECT_EQ(localized(path("b")), 60);
+}
+
+// A tape that was misread by 30 cm is told, and bends nothing.
+TEST_F(MapLife, WhatTheMapContradictsIsALine) {
+  ASSERT_EQ(run("left", "a").exit_code, 0);
+  const std::vector<int> ids = posedIds("a/map.json");
+  ASSERT_GE(ids.size(), 4U);
+  const auto distance = [&](int a, int b, double off_m) {
+    const Eigen::Vector3d corner = slam::markerCorners(MarkerWall::kSize_m)[0];
+    const double truth_m = (wall_.markers[static_cast<std::size_t>(a)].T_w_m * corner -
+                            wall_.markers[static_cast<std::size_t>(b)].T_w_m * corner)
+                               .norm();
+    return "[[slam.markers.distances]]\nid_a = " + std::to_string(a) +
+           "\ncorner_a = 0\nid_b = " + std::to_string(b) +
+           "\ncorner_b = 0\ndistance_m = " + std::to_string(truth_m + off_m) + "\n";
+  };
+  std::ofstream(path("tape.toml"))
+      << distance(ids[0], ids[1], 0.0) << distance(ids[2], ids[3], 0.3);
+  const ProgramResult result = run("left", "b", {"--config", path("tape.toml")});
+  ASSERT_EQ(result.exit_code, 0) << result.err;
+  const std::string marker = "waymark: warning: marker " + std::to_string(ids[2]) + ": ";
+  const auto line = result.err.find(marker);
+  ASSERT_NE(line, std::string::npos) << result.err;
+  EXPECT_NE(result.err.find(" sigmas from distance " + std::to_string(ids[2]) + "/0 to ", line),
+            std::string::npos);
+  EXPECT_EQ(result.err.find(" sigmas ", result.err.find('\n', line)), std::string::npos) << "once";
+  EXPECT_LT(worstDistance(readMap("b/map.json").map), 0.02);
+}
+
 }  // namespace waymark
