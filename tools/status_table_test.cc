@@ -47,7 +47,11 @@ TEST(StatusTable, TellsHowWellALearnedLensIsKnownAndWhatIsMissing) {
   EXPECT_NE(statusTable(status).find("to 0.43 %, markers in 45 % of the image so far\n"),
             std::string::npos)
       << statusTable(status);
-  status["lens"]["state"] = "given";
+  status["lens"]["state"] = "given";  // by a calibration that says how well it was measured
+  EXPECT_NE(statusTable(status).find("lens        given, focal length 512.0 px to 0.43 %\n"),
+            std::string::npos)
+      << statusTable(status);
+  status["lens"]["focal_sigma_percent"] = 0.0;
   EXPECT_NE(statusTable(status).find("lens        given, focal length 512.0 px\n"),
             std::string::npos)
       << statusTable(status);

@@ -278,14 +278,13 @@ Eigen::MatrixXd clusteredCovariance(const Reduced& reduced, const Eigen::MatrixX
   return views / std::max(1.0, views - 1.0) * inverse * pulls * inverse;
 }
 
-Eigen::MatrixXd correlationOf(const Eigen::MatrixXd& covariance) {
-  const Eigen::VectorXd inverse_sigmas =
-      covariance.diagonal().cwiseMax(1e-300).cwiseSqrt().cwiseInverse();
-  return inverse_sigmas.asDiagonal() * covariance * inverse_sigmas.asDiagonal();
-}
+struct Covariances {
+  Eigen::MatrixXd of_each;   // Solution::covariance
+  Eigen::MatrixXd together;  // Solution::joint_covariance
+};
 
 // Infinite where the equations have no solution.
-Eigen::MatrixXd covarianceOf(const std::vector<ViewNormal>& normals, double noise) {
+Covariances covariancesOf(const std::vector<ViewNormal>& normals, double noise) {
   constexpr double kSingular = 1e-14;
   const Reduced reduced = reduce(normals, 0.0);
   const Eigen::Index n = reduced.S.rows();
@@ -294,7 +293,8 @@ Eigen::MatrixXd covarianceOf(const std::vector<ViewNormal>& normals, double nois
   const Eigen::MatrixXd scaled = scale.asDiagonal() * reduced.S * scale.asDiagonal();
   const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> eigen(scaled);
   if (!(eigen.eigenvalues()[0] > kSingular)) {
-    return Eigen::MatrixXd::Constant(n, n, std::numeric_limits<double>::infinity());
+    const double none = std::numeric_limits<double>::infinity();
+    return {Eigen::MatrixXd::Constant(n, n, none), Eigen::MatrixXd::Constant(n, n, none)};
   }
   const Eigen::MatrixXd scaled_inverse = eigen.eigenvectors() *
                                          eigen.eigenvalues().cwiseInverse().asDiagonal() *
@@ -302,13 +302,12 @@ Eigen::MatrixXd covarianceOf(const std::vector<ViewNormal>& normals, double nois
   const Eigen::MatrixXd inverse = scale.asDiagonal() * scaled_inverse * scale.asDiagonal();
   const Eigen::MatrixXd independent = noise * noise * inverse;
   const Eigen::MatrixXd clustered = clusteredCovariance(reduced, inverse);
-  // Of each parameter the larger one. What goes together the views tell, as far as they are more
-  // than the parameters; a few of them would leave no doubt about most of it.
-  const double few = static_cast<double>(n) / static_cast<double>(n + reduced.pulls.size());
-  const Eigen::MatrixXd together =
-      few * correlationOf(independent) + (1.0 - few) * correlationOf(clustered);
-  const Eigen::VectorXd sigmas = independent.diagonal().cwiseMax(clustered.diagonal()).cwiseSqrt();
-  return sigmas.asDiagonal() * together * sigmas.asDiagonal();
+  // Of each parameter the larger one: the correlations are the clustered ones'.
+  const Eigen::VectorXd ratios =
+      clustered.diagonal().cwiseQuotient(independent.diagonal().cwiseMax(1e-300));
+  const Eigen::VectorXd growth = ratios.cwiseMax(1e-300).cwiseInverse().cwiseMax(1.0).cwiseSqrt();
+  return {growth.asDiagonal() * clustered * growth.asDiagonal(),
+          std::max(1.0, ratios.mean()) * independent};
 }
 
 double rms(double squared, std::size_t count) {
@@ -321,7 +320,9 @@ Solution solutionOf(const Problem& problem, const State& state, const std::vecto
   solution.camera = state.camera;
   solution.lens = problem.lens();
   solution.noise = noise;
-  solution.covariance = covarianceOf(n, noise);
+  Covariances covariances = covariancesOf(n, noise);
+  solution.covariance = std::move(covariances.of_each);
+  solution.joint_covariance = std::move(covariances.together);
   auto residuals = problem.residuals(state);
   double squared = 0.0;
   std::size_t count = 0;
@@ -396,14 +397,14 @@ double Solution::sigma(Eigen::Index parameter) const {
 
 slam::Calibration Solution::measuredCamera() const {
   slam::Calibration measured = camera;
-  if (!covariance.allFinite()) return measured;
+  if (!joint_covariance.allFinite()) return measured;
   constexpr Eigen::Index kIntrinsics = 9;
-  const Eigen::Index n = std::min(covariance.rows(), kIntrinsics);
-  const Eigen::Index rest = covariance.rows() - n;  // k4, k5, k6, which stay as they are
-  Eigen::MatrixXd P = covariance.topLeftCorner(n, n);
+  const Eigen::Index n = std::min(joint_covariance.rows(), kIntrinsics);
+  const Eigen::Index rest = joint_covariance.rows() - n;  // k4, k5, k6, which stay as they are
+  Eigen::MatrixXd P = joint_covariance.topLeftCorner(n, n);
   if (rest > 0) {
-    const Eigen::MatrixXd across = covariance.topRightCorner(n, rest);
-    P -= across * covariance.bottomRightCorner(rest, rest).ldlt().solve(across.transpose());
+    const Eigen::MatrixXd across = joint_covariance.topRightCorner(n, rest);
+    P -= across * joint_covariance.bottomRightCorner(rest, rest).ldlt().solve(across.transpose());
   }
   measured.covariance = slam::IntrinsicMatrix::Zero();
   measured.covariance->topLeftCorner(n, n) = 0.5 * (P + P.transpose());

@@ -51,6 +51,9 @@ struct Solution {
   // and from what each view as a whole pulls at them (a bent board pulls all of its corners at
   // once). Infinite where they are not determined.
   Eigen::MatrixXd covariance;
+  // The same for all of them together: as of independent residuals, larger by what the views pull
+  // more on average. (What a few views pull at leaves no doubt about what they happen to agree on.)
+  Eigen::MatrixXd joint_covariance;
   std::vector<SolvedView> views;
   double noise = 1.0;   // standard deviation of the whitened residuals
   double rms_px = 0.0;  // of the distances, over all points
