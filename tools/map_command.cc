@@ -238,11 +238,7 @@ Outcome merge(const MergeArguments& arguments) {
     text += mergeText(name, *report);
   }
   if (!arguments.no_global) text += optimizeAll(&*merged);
-  std::vector<const slam::Map*> others;
-  for (const slam::Map& piece : merged->other_pieces) others.push_back(&piece);
-  const Status written = io::writeTextFile(
-      arguments.files.back(),
-      io::formatMap(merged->map, merged->camera, merged->readout_s, merged->field, others));
+  const Status written = io::writeTextFile(arguments.files.back(), io::formatMap(*merged));
   if (!written) return written.error();
   return text;
 }
@@ -290,10 +286,7 @@ Outcome align(const AlignArguments& arguments) {
       file->other_pieces.empty() ? std::string() : "piece " + std::to_string(piece->piece) + ": ";
   const Result<AlignReport> report = alignMap(piece, *options);
   if (!report) return Error{arguments.map + ": " + in_piece + report.error().message};
-  std::vector<const slam::Map*> others;
-  for (const slam::Map& other : file->other_pieces) others.push_back(&other);
-  const Status written = io::writeTextFile(
-      arguments.out, io::formatMap(file->map, file->camera, file->readout_s, file->field, others));
+  const Status written = io::writeTextFile(arguments.out, io::formatMap(*file));
   if (!written) return written.error();
   return in_piece + alignText(*report);
 }

@@ -41,6 +41,10 @@ struct MapFile {
                                     double readout_s = 0.0,
                                     const std::optional<FieldSize>& field = {},
                                     std::span<const slam::Map* const> other_pieces = {});
+[[nodiscard]] std::string formatMap(const MapFile& file);
+
+// The corners of all pieces anew, through that lens, with the file's readout time.
+void undistortAgain(const slam::CameraModel& camera, MapFile* file);
 
 // Checks the checksum, every type, number and reference. The error is one line: file, place,
 // reason.

@@ -157,10 +157,7 @@ class MapReader {
     }
     // The corners of a rolling shutter follow from the poses, too.
     if (file.readout_s == 0.0) return file;
-    slam::undistortAgain(camera, file.readout_s, &file.map);
-    for (slam::Map& piece : file.other_pieces) {
-      slam::undistortAgain(camera, file.readout_s, &piece);
-    }
+    undistortAgain(camera, &file);
     return file;
   }
 
@@ -387,6 +384,13 @@ void checkChecksum(const JsonNode& node, const std::string& text) {
 }
 
 }  // namespace
+
+void undistortAgain(const slam::CameraModel& camera, MapFile* file) {
+  slam::undistortAgain(camera, file->readout_s, &file->map);
+  for (slam::Map& piece : file->other_pieces) {
+    slam::undistortAgain(camera, file->readout_s, &piece);
+  }
+}
 
 Result<MapFile> parseMap(const std::string& text, const std::filesystem::path& file) {
   const Result<Json> json = parseJson(text, file.string());

@@ -159,4 +159,10 @@ std::string formatMap(const slam::Map& map, const std::optional<slam::Calibratio
   return head + map_keys::checksumLine(map_keys::checksum(head, body)) + body;
 }
 
+std::string formatMap(const MapFile& file) {
+  std::vector<const slam::Map*> others;
+  for (const slam::Map& piece : file.other_pieces) others.push_back(&piece);
+  return formatMap(file.map, file.camera, file.readout_s, file.field, others);
+}
+
 }  // namespace waymark::io

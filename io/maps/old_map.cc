@@ -79,11 +79,7 @@ Result<std::optional<std::string>> changeCamera(const slam::Calibration& camera,
   }
   constexpr double kRounding_px = 1e-6;
   if (*difference_px < kRounding_px) return none;
-  const slam::CameraModel now(camera);
-  slam::undistortAgain(now, map->readout_s, &map->map);
-  for (slam::Map& piece : map->other_pieces) {
-    slam::undistortAgain(now, map->readout_s, &piece);
-  }
+  undistortAgain(slam::CameraModel(camera), map);
   return std::optional("camera: was calibrated differently, " + apart +
                        "; its corners are undistorted anew");
 }

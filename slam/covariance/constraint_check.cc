@@ -44,9 +44,11 @@ std::vector<ConstraintResidual> constraintResiduals(const Map& map, const Marker
   const double residual_sigma =
       runToCompletion([&](Budget* a) { return fitOf(whole.problem, a); }).residual_sigma;
   const CameraUncertainty known{};
-  const MapMarginals marginals = runToCompletion(
-      [&](Budget* a) { return recoverMarginals(map, options, known, residual_sigma, a); });
-  return marginals.constraints();
+  std::vector<ConstraintResidual> residuals;
+  (void)runToCompletion([&](Budget* a) {
+    return recoverMarginals(map, options, known, residual_sigma, a, nullptr, &residuals);
+  });
+  return residuals;
 }
 
 std::string constraintText(const ConstraintResidual& residual, const MarkerOptions& options) {

@@ -5,7 +5,7 @@
 #include <string>
 #include <vector>
 
-#include "slam/covariance/marginals.h"
+#include "slam/covariance/constraint_information.h"
 #include "slam/map/map.h"
 #include "slam/map/marker_options.h"
 

@@ -9,12 +9,13 @@
 #include "slam/geometry/turned_covariance.h"
 #include "slam/map/world_reference.h"
 #include "slam/optimization/block_kernels.h"
+#include "slam/optimization/bundle_adjuster.h"
 #include "slam/optimization/marker_relation.h"
 
 namespace waymark::slam {
 namespace {
 
-constexpr double kHuber = 2.45;  // as in the optimizations
+const double kHuber = BundleOptions{}.huber;  // as in the optimizations
 // Of a frame that all of its markers contradict.
 constexpr double kUnknown_m = 100.0;
 constexpr double kUnknown_rad = 10.0;

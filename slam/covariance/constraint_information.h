@@ -6,13 +6,20 @@
 #include <span>
 #include <vector>
 
-#include "slam/covariance/marginals.h"
 #include "slam/map/map.h"
 #include "slam/map/marker_options.h"
 #include "slam/optimization/block_system.h"
 #include "slam/optimization/constraint_frames.h"
 
 namespace waymark::slam {
+
+// How far something that is known of a marker is from what all else says.
+struct ConstraintResidual {
+  ConstraintSource source;
+  // Of the residual that it would have were it not there, in its standard deviations, of both
+  // sides. Zero where nothing else says.
+  double sigmas = 0.0;
+};
 
 // The system is about the differences from these poses.
 struct ConstrainedUnknown {

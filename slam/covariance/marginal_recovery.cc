@@ -10,7 +10,6 @@
 #include <Eigen/Core>
 
 #include "base/distinct_indices.h"
-#include "slam/covariance/constraint_information.h"
 #include "slam/geometry/turned_covariance.h"
 #include "slam/map/world_reference.h"
 #include "slam/optimization/block_system.h"
@@ -227,7 +226,8 @@ Task<bool> solveByCamera(int parameter, CameraSides* by_camera, BlockSystem* sys
 
 Task<MapMarginals> recoverMarginals(const Map& map, const MarkerOptions& markers,
                                     CameraUncertainty camera, double residual_sigma, Budget* budget,
-                                    KeptInformation* kept) {
+                                    KeptInformation* kept,
+                                    std::vector<ConstraintResidual>* constraints) {
   KeptInformation nothing(0);
   if (kept == nullptr) kept = &nothing;
   Pattern pattern = co_await startPattern(map, markers, &kept->points(), budget);
@@ -265,12 +265,12 @@ Task<MapMarginals> recoverMarginals(const Map& map, const MarkerOptions& markers
   if (!markers.constraints.empty()) {
     co_await budget->spend(kTestConstrained * static_cast<double>(pattern.unknown.size()));
   }
-  ConstraintInformation constraints(map, markers, [&](int id, const Transform& T_w_m) {
+  ConstraintInformation information(map, markers, [&](int id, const Transform& T_w_m) {
     const LinearizedMarker* const linearized = pattern.find(id);
     return ConstrainedUnknown{pattern.poseOf(id),
                               linearized == nullptr ? T_w_m : linearized->point.T_w_m};
   });
-  constraints.appendPoses(&neighbours);
+  information.appendPoses(&neighbours);
 
   CameraSides by_camera(camera.unknown(), neighbours.size());
   BlockSystem system;
@@ -301,7 +301,7 @@ Task<MapMarginals> recoverMarginals(const Map& map, const MarkerOptions& markers
     addPriors(id, point, moved[i], markers, variance, system.positionOf(static_cast<int>(i)),
               &system);
   }
-  constraints.addTo(variance, &system);
+  information.addTo(variance, &system);
 
   MapMarginals marginals;
   for (const int id : pattern.given) {
@@ -317,12 +317,12 @@ Task<MapMarginals> recoverMarginals(const Map& map, const MarkerOptions& markers
     // From where the marker is, no longer from its point.
     steps[a] = system.right(system.positionOf(static_cast<int>(a))) - moved[a];
   }
-  constraints.solved(&system);
+  if (constraints != nullptr) information.solved(&system);
   for (int p = 0; p < by_camera.parameters.count; ++p) {
     if (!co_await solveByCamera(p, &by_camera, &system, budget)) co_return MapMarginals{};
   }
   (void)co_await system.invert(budget);
-  marginals.setConstraints(constraints.residuals(variance, &system));
+  if (constraints != nullptr) *constraints = information.residuals(variance, &system);
   for (std::size_t a = 0; a < pattern.unknown.size(); ++a) {
     co_await budget->spend(kSetMarker);
     const int row = system.positionOf(static_cast<int>(a));

@@ -13,8 +13,11 @@
 // equations say where the markers would be.
 #pragma once
 
+#include <vector>
+
 #include "base/task.h"
 #include "slam/covariance/camera_uncertainty.h"
+#include "slam/covariance/constraint_information.h"
 #include "slam/covariance/keyframe_information.h"
 #include "slam/covariance/marginals.h"
 #include "slam/map/map.h"
@@ -26,9 +29,11 @@ namespace waymark::slam {
 // square. Markers that no keyframe sees together with others (an imported map) have the covariance
 // that the map gives them. The map may grow meanwhile; it must outlive the task. Should the system
 // be singular, the result is empty. kept: what earlier recoveries have linearized, used where
-// nothing has changed since, and brought up to date; it must outlive the task, too.
+// nothing has changed since, and brought up to date; it must outlive the task, too. constraints:
+// what is known of the markers besides their views, held against all else; only where asked for.
 Task<MapMarginals> recoverMarginals(const Map& map, const MarkerOptions& markers,
                                     CameraUncertainty camera, double residual_sigma, Budget* budget,
-                                    KeptInformation* kept = nullptr);
+                                    KeptInformation* kept = nullptr,
+                                    std::vector<ConstraintResidual>* constraints = nullptr);
 
 }  // namespace waymark::slam

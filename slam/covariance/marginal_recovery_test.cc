@@ -9,8 +9,7 @@
 
 #include "slam/camera/undistort_map.h"
 #include "slam/optimization/map_optimizer.h"
-#include "slam/optimization/normal_equations.h"
-#include "slam/optimization/subproblem.h"
+#include "slam/testing/dense_system.h"
 #include "slam/testing/scene.h"
 
 namespace waymark::slam {
@@ -50,58 +49,17 @@ class MarginalRecoveryTest : public ::testing::Test {
                             .view_chi2 = 0.0});
   }
 
-  // Of all the normal equations at once, markers after cameras; what is fixed is not in them.
+  // Of all the normal equations at once.
   struct Dense {
-    Eigen::MatrixXd inverse;  // without a kernel
-    Eigen::VectorXd step;     // to the best map; a kernel pulls
-    std::vector<int> row;     // the first one of each marker, -1 where it is fixed
+    Eigen::MatrixXd inverse;
+    Eigen::VectorXd step;  // to the best map; a kernel pulls
+    std::vector<int> row;  // the first one of each marker, -1 where it is fixed
   };
   [[nodiscard]] Dense solveDensely() const {
-    constexpr double kNoKernel = 1e9;
     constexpr double kKernel = 2.45;
-    Dense dense;
-    const Subproblem part = runToCompletion(
-        [&](Budget* a) { return buildSubproblem(map_, wholeMap(map_), options_, a); });
-    const BundleProblem& problem = part.problem;
-    const auto whitened = runToCompletion([&](Budget* a) { return whitenViews(problem, a); });
-    NormalEquations equations;
-    NormalEquations robust;
-    EXPECT_TRUE(runToCompletion(
-        [&](Budget* a) { return linearize(problem, whitened, kNoKernel, &equations, a); }));
-    EXPECT_TRUE(runToCompletion(
-        [&](Budget* a) { return linearize(problem, whitened, kKernel, &robust, a); }));
-    int rows = 0;
-    std::vector<int> of_camera;
-    const auto place = [&](const BundleProblem::Pose& pose) {
-      if (pose.fixed) return -1;
-      rows += 6;
-      return rows - 6;
-    };
-    for (const auto& camera : problem.cameras) of_camera.push_back(place(camera));
-    for (const auto& marker : problem.markers) dense.row.push_back(place(marker));
-    Eigen::MatrixXd H = Eigen::MatrixXd::Zero(rows, rows);
-    Eigen::VectorXd g = Eigen::VectorXd::Zero(rows);
-    const auto add = [&](int row, int column, const Matrix6d& block) {
-      if (row >= 0 && column >= 0) H.block<6, 6>(row, column) += block;
-    };
-    for (std::size_t c = 0; c < problem.cameras.size(); ++c) {
-      add(of_camera[c], of_camera[c], equations.H_camera[c]);
-      if (of_camera[c] >= 0) g.segment<6>(of_camera[c]) = robust.g_camera[c];
-    }
-    for (std::size_t m = 0; m < problem.markers.size(); ++m) {
-      const int row = dense.row[m];
-      add(row, row, equations.H_marker[m]);
-      if (row >= 0) g.segment<6>(row) = robust.g_marker[m];
-    }
-    for (std::size_t o = 0; o < problem.ties(); ++o) {
-      const int row = of_camera[static_cast<std::size_t>(problem.tie(o).camera)];
-      const int column = dense.row[static_cast<std::size_t>(problem.tie(o).marker)];
-      add(row, column, equations.H_cross[o]);
-      add(column, row, equations.H_cross[o].transpose());
-    }
-    dense.inverse = H.inverse();
-    dense.step = -dense.inverse * g;
-    return dense;
+    const testing::DenseSystem system = testing::denseSystem(map_, options_, kKernel);
+    const Eigen::MatrixXd inverse = system.H.inverse();
+    return {inverse, -inverse * system.g, system.row};
   }
 
   void expectAsDense(double relative_tolerance) const {

@@ -11,21 +11,12 @@
 
 #include "slam/geometry/transform.h"
 #include "slam/optimization/bundle_problem.h"
-#include "slam/optimization/constraint_frames.h"
 
 namespace waymark::slam {
 
 // Of a rigid body that moves: what (dp, dtheta) at one of its points is at another one, both in the
 // world frame. to_from_m: from the first point to the second.
 [[nodiscard]] Matrix6d rigidTransport(const Eigen::Vector3d& to_from_m);
-
-// How far something that is known of a marker is from what all else says.
-struct ConstraintResidual {
-  ConstraintSource source;
-  // Of the residual that it would have were it not there, in its standard deviations, of both
-  // sides. Zero where nothing else says.
-  double sigmas = 0.0;
-};
 
 class MapMarginals {
  public:
@@ -45,12 +36,6 @@ class MapMarginals {
   // those of a camera with other parameters; null where nobody knows.
   [[nodiscard]] const PoseGlobalMatrix* byCamera(int marker) const;
 
-  // Of all that is known of the markers, besides their views.
-  [[nodiscard]] const std::vector<ConstraintResidual>& constraints() const { return constraints_; }
-
-  void setConstraints(std::vector<ConstraintResidual> residuals) {
-    constraints_ = std::move(residuals);
-  }
   void set(int marker, const Matrix6d& covariance) { own_[marker] = covariance; }
   void setByCamera(int marker, const PoseGlobalMatrix& by_camera) {
     by_camera_[marker] = by_camera;
@@ -66,7 +51,6 @@ class MapMarginals {
   std::map<int, PoseGlobalMatrix> by_camera_;
   std::vector<std::pair<int, int>> pairs_;  // the larger id first, ascending
   std::vector<Matrix6d> between_;           // as pairs_; rows of the smaller id
-  std::vector<ConstraintResidual> constraints_;
 };
 
 }  // namespace waymark::slam

@@ -1,11 +1,11 @@
 // What is known of the markers (MarkerConstraints) as residuals: frames that markers are tied to,
 // unknowns themselves, and what they come to.
 //
-// | known          | frame                                        | a marker there | | positions |
-// the world, fixed                             | its centre                       | | plane | in
-// the plane, z out of it                    | centre at z = 0, z axis along z  | | upright, level |
-// the vertical as its z axis, fixed where told | y axis, or its plane's z, along z| | distance | a
-// ruler: zero at one corner, x to the other  | the corner                       |
+// - positions: the world, fixed; a marker's centre is there.
+// - plane: z out of it; a centre is at z = 0, and a marker's z axis along z.
+// - upright, level: the vertical as its z axis, fixed where told; along z is a marker's y axis, or
+//   its plane's z axis.
+// - distance: a ruler, zero at one corner, x to the other, which is on it.
 //
 // A frame of its own makes every residual one of a marker in a frame, as in a camera: the normal
 // equations have no blocks between markers. The ruler is as good as the distance itself: of its six

@@ -29,6 +29,7 @@ RelationSums sumRelations(std::span<const BundleProblem::Relation> relations,
     const double weight = huberWeight(residual.squaredNorm(), huber);
     sums.H += weight * J.transpose() * J;
     sums.g += weight * J.transpose() * residual;
+    sums.cost += huberCost(residual.squaredNorm(), huber);
   }
   return sums;
 }

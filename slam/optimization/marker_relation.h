@@ -23,6 +23,7 @@ namespace waymark::slam {
 struct RelationSums {
   Matrix6d H = Matrix6d::Zero();  // J^T J
   Vector6d g = Vector6d::Zero();  // J^T residual
+  double cost = 0.0;              // as relationCost()
 };
 [[nodiscard]] RelationSums sumRelations(std::span<const BundleProblem::Relation> relations,
                                         const Transform& T_w_f, const Transform& T_w_m,

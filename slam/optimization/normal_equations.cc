@@ -201,6 +201,7 @@ Task<Done> addConstraints(const BundleProblem& problem, double huber, NormalEqua
         sumRelations(constraint.relations, problem.cameras[at(constraint.camera)].T,
                      problem.markers[at(constraint.marker)].T, huber);
     addTie(problem, first + i, sums.H, sums.g, equations);
+    equations->cost += sums.cost;
   }
   for (const BundleProblem::Gauge& gauge : problem.gauges) {
     equations->H_camera[at(gauge.camera)] +=
@@ -362,8 +363,6 @@ Task<bool> linearize(const BundleProblem& problem, const std::vector<WhitenedVie
   addPriors(problem, equations);
   addLinks(problem, equations);
   if (!problem.constraints.empty()) {
-    const double of_constraints = co_await constraintCost(problem, huber, budget);
-    equations->cost += of_constraints;
     (void)co_await addConstraints(problem, huber, equations, budget);
   }
   co_return true;

@@ -20,6 +20,7 @@
 #include "slam/camera/lens_start.h"
 #include "slam/camera/undistort_map.h"
 #include "slam/slam.h"
+#include "slam/testing/lens_scene.h"
 #include "tests/bench/command_line.h"
 #include "tools/exit_code.h"
 
@@ -63,17 +64,15 @@ simulator::Options optionsOf(const std::string& scene) {
 // The lens as somebody has measured it who says how well: all intrinsics in proportion to how
 // well any lens is known.
 slam::CameraModel measured(const slam::CameraModel& truth, double focal_share, std::uint64_t seed) {
-  const slam::LensPrior usual;
-  const double part = focal_share / usual.focal_share;
-  const slam::IntrinsicMatrix covariance = part * part * usual.covariance(truth);
+  slam::LensPrior prior;
+  const double part = focal_share / prior.focal_share;
+  for (double* const share : {&prior.focal_share, &prior.aspect_share, &prior.centre_share,
+                              &prior.radial, &prior.higher_radial, &prior.tangential}) {
+    *share *= part;
+  }
   std::mt19937 rng(static_cast<unsigned>(seed));
-  std::normal_distribution<double> normal;
-  slam::IntrinsicVector n;
-  for (double& v : n) v = normal(rng);
-  const Eigen::LLT<slam::IntrinsicMatrix> cholesky(covariance);
-  slam::Calibration c =
-      truth.withIntrinsics(truth.intrinsics() + slam::IntrinsicVector(cholesky.matrixL() * n));
-  c.covariance = covariance;
+  slam::Calibration c = slam::testing::drawnLens(truth, prior, &rng).calibration();
+  c.covariance = prior.covariance(truth);
   return slam::CameraModel(c);
 }
 

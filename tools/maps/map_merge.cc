@@ -10,7 +10,6 @@
 
 #include "io/maps/old_map.h"
 #include "io/text/number_text.h"
-#include "slam/camera/undistort_map.h"
 #include "slam/geometry/align_points.h"
 
 namespace waymark::tools {
@@ -170,9 +169,11 @@ void addKeyframes(const slam::Map& theirs, slam::Map* ours) {
 }
 
 // Adds the world of b to that of a.
-Result<MergeReport> mergeWorlds(slam::Map* a, slam::Map b, const MergeOptions& options) {
-  Result<MergeReport> report = alignMaps(*a, b, options);
+Result<MergeReport> mergeWorlds(slam::Map* a, const slam::Map& theirs,
+                                const MergeOptions& options) {
+  Result<MergeReport> report = alignMaps(*a, theirs, options);
   if (!report) return report;
+  slam::Map b = theirs;
   b.moveWorld(report->T_a_b);
   const auto markers = b.markers();
   for (const auto& [id, marker] : markers) {
@@ -279,10 +280,16 @@ std::vector<slam::Map> piecesOf(const io::MapFile& file) {
 }  // namespace
 
 Result<MergeReport> mergeMaps(io::MapFile* a, const io::MapFile& b, const MergeOptions& options) {
-  for (const slam::Map& ours : piecesOf(*a)) {
-    for (const slam::Map& theirs : piecesOf(b)) {
-      if (const Status same = checkSameMarkers(ours, theirs); !same) return same.error();
+  PieceMerger merger(piecesOf(*a), options);
+  const auto check = [&](const slam::Map& theirs) -> Status {
+    for (const slam::Map& ours : merger.pieces()) {
+      if (const Status same = checkSameMarkers(ours, theirs); !same) return same;
     }
+    return success();
+  };
+  if (const Status same = check(b.map); !same) return same.error();
+  for (const slam::Map& piece : b.other_pieces) {
+    if (const Status same = check(piece); !same) return same.error();
   }
   io::MapFile seen = b;
   std::optional<std::string> warning;
@@ -291,7 +298,6 @@ Result<MergeReport> mergeMaps(io::MapFile* a, const io::MapFile& b, const MergeO
     if (!changed) return changed.error();
     warning = *changed;
   }
-  PieceMerger merger(piecesOf(*a), options);
   merger.add(piecesOf(seen));
   if (merger.report().pieces_joined == 0) return *merger.refusal();
   a->map = std::move(merger.pieces().front());
@@ -300,9 +306,7 @@ Result<MergeReport> mergeMaps(io::MapFile* a, const io::MapFile& b, const MergeO
   if (!a->camera) a->camera = seen.camera;
   if (a->readout_s == 0.0) a->readout_s = seen.readout_s;  // one camera, one shutter
   if (a->camera && a->readout_s != 0.0) {
-    const slam::CameraModel camera(*a->camera);
-    slam::undistortAgain(camera, a->readout_s, &a->map);
-    for (slam::Map& piece : a->other_pieces) slam::undistortAgain(camera, a->readout_s, &piece);
+    io::undistortAgain(slam::CameraModel(*a->camera), a);
   }
   a->has_checksum = a->has_checksum && b.has_checksum;
   if (warning) merger.report().warnings.push_back(*warning);
