@@ -68,7 +68,7 @@ class Slam::Impl {
     if (!found) return false;
     lens_start_.reset();
     camera_ = found->camera;
-    lens_.adopt(found->camera, found->covariance, 0.0, 0.0, 0.0);
+    lens_.adopt(found->camera, found->covariance, 0.0, 0.0, options_.lens.prior, 0.0);
     std::vector<Map> maps;
     for (const Map* map : pieces().maps()) maps.push_back(*map);
     Map first = std::move(maps.front());

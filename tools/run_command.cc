@@ -159,12 +159,15 @@ void printSummary(const RunRecord& record, const slam::Slam& slam, const StageTi
       timer.totalWall_ms() / std::max<double>(1.0, static_cast<double>(record.frames())));
 }
 
-// A calibration that the markers contradict.
+// A calibration that the markers contradict, or have measured better.
 void tellOfLens(const RunArguments& arguments, const slam::Slam& slam) {
   const slam::LensKnowledge& lens = slam.lens();
   if (arguments.calibration.empty() || lens.state == slam::LensState::kGiven) return;
+  const double focal_px = slam.camera().calibration().fx;
   std::fprintf(stderr, "waymark: %s %s\n", arguments.calibration.c_str(),
-               diagnosis::misfitText(lens, slam.camera().calibration().fx).c_str());
+               (lens.refines_given ? diagnosis::refinedText(lens, focal_px)
+                                   : diagnosis::misfitText(lens, focal_px))
+                   .c_str());
   if (!lens.changedUnderWay()) return;
   std::fprintf(stderr, "waymark: the lens changed under way, %zu times\n", lens.earlier.size());
 }

@@ -124,6 +124,16 @@ Task<std::optional<Settled>> settle(BundleProblem problem, const BundleOptions& 
   co_return settled;
 }
 
+// Through the lens in use, with the map as that has it: in as many iterations as another lens gets.
+// A map that is not at its optimum fits every lens badly.
+Task<double> rmsAtBest(BundleProblem problem, const LensProblem& lens, const BundleOptions& options,
+                       Budget* budget) {
+  const double before_px = rmsPx(problem);
+  holdLens(lens, &problem);
+  const std::optional<Settled> held = co_await settle(std::move(problem), options, budget);
+  co_return held ? std::min(before_px, rmsPx(held->adjuster.problem())) : before_px;
+}
+
 // Where else to begin from, as each beginning leads to the nearest minimum only: the lens in the
 // other model's terms (the one in use, if what was found bends back within the image, where the
 // other model cannot follow); and where it is not known well yet, lenses without distortion.
@@ -187,14 +197,14 @@ Task<std::optional<LensEstimate>> estimateLens(const Map& map, const MarkerOptio
   freeLens(lens.in_use, lens, &part.problem);
   // What another readout time explains as well is not the lens': so the one in use is tried with
   // that, too, where nobody knows it.
-  double before_px = rmsPx(part.problem);
+  BundleProblem in_use = part.problem;
   if (!lens.readout_known) {
-    BundleProblem in_use = part.problem;
     holdLens(lens, &in_use);
-    BundleAdjuster held(std::move(in_use), ungated(options));
+    BundleAdjuster held(in_use, ungated(options));
     const BundleSummary of_held = co_await held.run(budget);
-    if (!of_held.failed) before_px = rmsPx(held.problem());
+    if (!of_held.failed) in_use = held.problem();
   }
+  double before_px = rmsPx(in_use);
   double chi2_beyond_bend = std::numeric_limits<double>::infinity();
   if (lens.perhaps_bent && !part.problem.cameras.empty()) {
     chi2_beyond_bend = co_await chi2BeyondBend(part.problem, lens, ungated(options), budget);
@@ -215,13 +225,18 @@ Task<std::optional<LensEstimate>> estimateLens(const Map& map, const MarkerOptio
   BundleAdjuster& adjuster = settled->adjuster;
   const auto covariance = co_await adjuster.globalsCovariance(budget);
   if (!covariance) co_return std::nullopt;
+  const double after_px = rmsPx(adjuster.problem());
+  constexpr double kMuchBetter = 0.9;  // and worth a second look
+  if (!lens.perhaps_bent && after_px < kMuchBetter * before_px) {
+    before_px = co_await rmsAtBest(std::move(in_use), lens, options, budget);
+  }
   MapCorrection correction = co_await correctionOf(part, adjuster, budget);
   std::optional<LensEstimate> estimate({.camera = adjuster.problem().lens->camera,
                                         .covariance = covariance->topLeftCorner<9, 9>(),
                                         .correction = std::move(correction),
                                         .of_whole_map = whole,
                                         .rms_before_px = before_px,
-                                        .rms_after_px = rmsPx(adjuster.problem()),
+                                        .rms_after_px = after_px,
                                         .chi2_beyond_bend = chi2_beyond_bend});
   co_return estimate;
 }

@@ -113,8 +113,12 @@ bool LensEstimator::believes(const LensEstimate& estimate, const Map& map) const
   const bool is_better_known =
       was_learned && estimate.focalShare() < options_.better_known * knowledge_->focalShare();
   if (!is_better_known && !(lensChange(estimate, *camera_) > least)) return false;
+  // One more measurement of a lens that somebody has measured needs no reason beside that; to be
+  // another one than was given it must make a difference.
+  const bool refines = knowledge_->isMeasured() &&
+                       !options_.prior.isContradicted(knowledge_->given, estimate.camera);
   const bool material = estimate.rms_after_px < options_.material_rms * estimate.rms_before_px;
-  if (!was_learned && !material) return false;
+  if (!was_learned && !refines && !material) return false;
   return coversImage(estimate.camera) >= coversImage(*camera_) && seesAllOf(estimate.camera, map);
 }
 
@@ -129,7 +133,7 @@ std::optional<Transform> LensEstimator::adopt(const LensEstimate& estimate, doub
                                               Map* map) {
   *camera_ = estimate.camera;
   knowledge_->adopt(estimate.camera, estimate.covariance, estimate.rms_before_px,
-                    estimate.rms_after_px, options_.learned_focal_share);
+                    estimate.rms_after_px, options_.prior, options_.learned_focal_share);
   return seeThrough(estimate, readout_s, knowledge_->since_ns, map);
 }
 

@@ -244,6 +244,23 @@ TEST_F(LensEstimatorTest, AMeasuredLensIsHeldAsWellAsItWasMeasured) {
   EXPECT_LT(std::abs(focalError()), 1e-3);
 }
 
+// A focal length that is off by as much as its calibration says hardly shows in the residuals, and
+// yet bends a map: the map's measurement takes its place, and nobody is told that it does not fit.
+TEST_F(LensEstimatorTest, TheMapMeasuresAMeasuredLensBetter) {
+  const CameraModel given = measured(shifted(truth_, 3e-3, 0.0, 0.0), 3e-3);
+  see(given);
+  LensEstimator estimator = this->estimator(LensOptions{});
+  EXPECT_TRUE(estimator.estimateNow(shutter_, kBundle, &map_));
+  EXPECT_LT(knowledge_.focalShare(), 5e-4);
+  EXPECT_LT(std::abs(focalError()), 3.0 * knowledge_.focalShare());
+  EXPECT_GT(knowledge_.rms_after_px, LensOptions{}.material_rms * knowledge_.rms_before_px);
+  EXPECT_TRUE(knowledge_.refines_given);
+  // Of the same lens that nobody has measured so well, nothing of this is believed.
+  see(asUnmeasured(given));
+  EXPECT_FALSE(estimator.estimateNow(shutter_, kBundle, &map_));
+  EXPECT_FALSE(knowledge_.refines_given);
+}
+
 TEST_F(LensEstimatorTest, WhatACalibrationSaysOfItselfIsWhatIsKnownAtFirst) {
   const CameraModel lens = measured(truth_, 1e-3);
   const LensKnowledge known = LensKnowledge::of(lens, /*exact=*/false);

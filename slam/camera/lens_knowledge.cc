@@ -44,13 +44,15 @@ IntrinsicMatrix LensPrior::covariance(const CameraModel& expected) const {
   return c.covariance ? measured(*this, c) : ordinary(*this, c);
 }
 
+bool LensPrior::isContradicted(const CameraModel& measured, const CameraModel& found) const {
+  if (found.calibration().model != measured.calibration().model) return true;
+  const IntrinsicVector apart = found.intrinsics() - measured.intrinsics();
+  return !(apart.dot(informationOf(covariance(measured)) * apart) <= max_measured_chi2);
+}
+
 CameraModel LensPrior::expectedGiven(const CameraModel& expected, const CameraModel& found) const {
-  const Calibration& c = expected.calibration();
-  if (!c.covariance) return expected;
-  if (found.calibration().model != c.model) return asUnmeasured(expected);
-  const IntrinsicVector apart = found.intrinsics() - expected.intrinsics();
-  const double chi2 = apart.dot(informationOf(covariance(expected)) * apart);
-  return chi2 <= max_measured_chi2 ? expected : asUnmeasured(expected);
+  const bool is_measured = expected.calibration().covariance.has_value();
+  return is_measured && isContradicted(expected, found) ? asUnmeasured(expected) : expected;
 }
 
 std::string LensPrior::invalidReason() const {
@@ -96,13 +98,15 @@ Calibration LensKnowledge::calibrationOf(const CameraModel& in_use) const {
 }
 
 void LensKnowledge::adopt(const CameraModel& found, const IntrinsicMatrix& its_covariance,
-                          double before_px, double after_px, double learned_focal_share) {
+                          double before_px, double after_px, const LensPrior& prior,
+                          double learned_focal_share) {
   if (changes == 0) rms_given_px = before_px;
   covariance = its_covariance;
   focal_px = found.calibration().fx;
   rms_before_px = before_px;
   rms_after_px = after_px;
   ++changes;
+  refines_given = isMeasured() && !prior.isContradicted(given, found);
   state = focalShare() <= learned_focal_share ? LensState::kLearned : LensState::kLearning;
 }
 

@@ -41,6 +41,8 @@ struct LensPrior {
 
   // Of the lens that is expected, in the order of IntrinsicVector; zero for what is known exactly.
   [[nodiscard]] IntrinsicMatrix covariance(const CameraModel& expected) const;
+  // A lens that somebody has measured cannot be the one that was found.
+  [[nodiscard]] bool isContradicted(const CameraModel& measured, const CameraModel& found) const;
   // The lens that is expected, given what was found: not as somebody has measured it, if that is
   // another one.
   [[nodiscard]] CameraModel expectedGiven(const CameraModel& expected,
@@ -73,10 +75,12 @@ struct LensKnowledge {
   IntrinsicMatrix covariance = IntrinsicMatrix::Zero();
   // RMS of the whitened residuals' corners before and after the last change, pixels.
   double focal_px = 1.0;      // that it is the covariance of
-  double rms_given_px = 0.0;  // with the lens as it was given; 0 as long as nothing contradicts it
+  double rms_given_px = 0.0;  // with the lens as it was given; 0 as long as that is in use
   double rms_before_px = 0.0;
   double rms_after_px = 0.0;
   int changes = 0;  // of the lens in use so far
+  // The lens in use is the one that was given, measured better; else it is another one.
+  bool refines_given = false;
   // The lens in use is of the frames since then, nanoseconds (monotonic); others before it, oldest
   // first.
   std::int64_t since_ns = std::numeric_limits<std::int64_t>::min();
@@ -90,9 +94,11 @@ struct LensKnowledge {
   [[nodiscard]] const CameraModel& at(std::int64_t time_ns, const CameraModel& in_use) const;
   // With what is known of it, for a file.
   [[nodiscard]] Calibration calibrationOf(const CameraModel& in_use) const;
+  // Somebody has measured it and says how well.
+  [[nodiscard]] bool isMeasured() const { return given.calibration().covariance.has_value(); }
   // The caller puts it in use.
   void adopt(const CameraModel& found, const IntrinsicMatrix& its_covariance, double before_px,
-             double after_px, double learned_focal_share);
+             double after_px, const LensPrior& prior, double learned_focal_share);
   // Standard deviation of the focal length in use, as a share of it.
   [[nodiscard]] double focalShare() const { return std::sqrt(covariance(0, 0)) / focal_px; }
 };

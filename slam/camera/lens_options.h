@@ -74,7 +74,9 @@ struct LensOptions {
   // every whim of the paper for the lens, larger believes a wrong calibration for longer.
   double min_chi2 = 60.0;
   // And only if the corners' RMS falls to this share of what it was: a calibration that is as good
-  // as the corners are is left alone. Smaller keeps calibrations that are a little wrong.
+  // as the corners are is left alone. Smaller keeps calibrations that are a little wrong. Not asked
+  // of what agrees with a calibration that says how well it was measured: the map measures it
+  // better, and would bend by what was left open.
   double material_rms = 0.8;
   // And from so many views on: of fewer a blur or a rolling shutter, which is learned from as many,
   // says as much.

@@ -131,7 +131,7 @@ bool LensWatch::collect(const RollingShutterEstimator& shutter) {
     known.since_ns = doubted_since_ns_;
   }
   known.adopt(found->camera, found->covariance, found->rms_before_px, found->rms_after_px,
-              options_.learned_focal_share);
+              options_.prior, options_.learned_focal_share);
   *camera_ = found->camera;
   doubted_since_ns_ = 0;
   of_late_ = usual_;

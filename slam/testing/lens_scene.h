@@ -46,7 +46,7 @@ inline CameraModel wideLensAtFirst(LensKnowledge* knowledge) {
   c.distortion = {-0.161, 0.007, 0.0, 0.0, 0.061};
   IntrinsicMatrix covariance = IntrinsicMatrix::Identity();
   covariance.topLeftCorner<2, 2>() *= (0.27 * c.fx) * (0.27 * c.fx);
-  knowledge->adopt(CameraModel(c), covariance, 0.0, 0.0, 0.0);
+  knowledge->adopt(CameraModel(c), covariance, 0.0, 0.0, LensPrior{}, 0.0);
   return CameraModel(c);
 }
 

@@ -137,6 +137,8 @@ Finding lensFinding(const std::string& file, const slam::LensKnowledge& known, d
   const bool as_given = known.state == slam::LensState::kGiven;
   if (!file.empty()) {
     if (as_given) return {Level::kGood, "lens", file + " fits, as far as markers show; " + focal};
+    if (known.refines_given)
+      return {Level::kGood, "lens", file + " " + refinedText(known, focal_px)};
     return {Level::kBad, "lens", file + " " + misfitText(known, focal_px)};
   }
   const std::string what_helps = kWhatTeachesALens;
@@ -155,6 +157,12 @@ std::string misfitText(const slam::LensKnowledge& known, double focal_px) {
   return "does not fit these images: RMS " + fixed(known.rms_given_px, 2) + " px, " +
          fixed(known.rms_after_px, 2) + " with what was learned, focal length " +
          fixed(focal_px, 1) + " instead of " + fixed(known.given.calibration().fx, 1);
+}
+
+std::string refinedText(const slam::LensKnowledge& known, double focal_px) {
+  return "fits, and the markers know it better: focal length " + fixed(focal_px, 1) +
+         " px instead of " + fixed(known.given.calibration().fx, 1) + ", to " +
+         fixed(100.0 * known.focalShare(), 2) + " %";
 }
 
 std::string formatFinding(const Finding& finding) {

@@ -42,6 +42,8 @@ inline constexpr const char* kWhatTeachesALens =
 // is a guess. `focal_px`: of the lens in use, pixels.
 [[nodiscard]] Finding lensFinding(const std::string& file, const slam::LensKnowledge& known,
                                   double focal_px);
+// That the lens that was given is the one that the markers show, only better known by now.
+[[nodiscard]] std::string refinedText(const slam::LensKnowledge& known, double focal_px);
 // That another lens was learned than the one that was given.
 [[nodiscard]] std::string misfitText(const slam::LensKnowledge& known, double focal_px);
 

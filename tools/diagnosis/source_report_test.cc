@@ -73,6 +73,10 @@ TEST(SourceReport, TheLensThatWasGivenAndTheOneThatIsLearned) {
   EXPECT_TRUE(says(wrong,
                    "calib.yml does not fit these images: RMS 1.60 px, 0.06 with what was learned, "
                    "focal length 502.4 instead of 400.0"));
+  known.refines_given = true;
+  const Finding better = lensFinding("calib.yml", known, 502.4);
+  EXPECT_EQ(better.level, Level::kGood);
+  EXPECT_TRUE(says(better, "calib.yml fits, and the markers know it better")) << better.text;
   nothing = lensFinding("", known, 502.4);
   EXPECT_EQ(nothing.level, Level::kNote);
   EXPECT_TRUE(says(nothing, "502.4 px to 1.00 %: come nearer"));
