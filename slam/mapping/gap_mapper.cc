@@ -1,6 +1,7 @@
 #include "slam/mapping/gap_mapper.h"
 
 #include <algorithm>
+#include <utility>
 
 #include <Eigen/Cholesky>
 
@@ -116,21 +117,52 @@ std::optional<GapJoint> GapMapper::decide(const Sighting& sighting, const MapMar
   for (const View& view : sighting.views) seen.push_back({&view.detection, view.T_w_c});
   const MarkerResolution found =
       resolveMarkerPose(seen, markers_.sizeOf(id), focal_px_, residual_sigma, resolver_);
+  if (found.verdict == ResolverVerdict::kContradictory) return decideAlone(sighting, anchor);
   if (found.verdict != ResolverVerdict::kResolved) return std::nullopt;
   GapJoint joint;
   joint.marker = {id, found.T_w_m, found.other_T_w_m};
-  const auto links = static_cast<double>(sighting.views.size());
   for (const View& view : sighting.views) {
-    const auto link = linkTo(anchor.id, *anchor.T_w_m, view.T_w_c, links * view.covariance);
-    if (!link) return std::nullopt;
-    joint.keyframes.push_back({.sequence = view.time.sequence,
-                               .monotonic_ns = view.time.monotonic_ns,
-                               .T_w_c = view.T_w_c,
-                               .detections = {view.detection},
-                               .twist = view.twist,
-                               .links = {*link}});
+    auto keyframe = keyframeOf(view, anchor, sighting.views.size());
+    if (!keyframe) return std::nullopt;
+    joint.keyframes.push_back(std::move(*keyframe));
   }
   return joint;
+}
+
+std::optional<GapJoint> GapMapper::decideAlone(const Sighting& sighting,
+                                               const MapMarker& anchor) const {
+  const View* clearest = nullptr;
+  SquarePose pose{.ratio = resolver_.ambiguity_ratio};
+  for (const View& view : sighting.views) {
+    const auto alone = estimateSquarePose(view.detection, markers_.sizeOf(view.detection.id),
+                                          focal_px_, resolver_.square);
+    if (!alone || !alone->unambiguous(pose.ratio)) continue;
+    clearest = &view;
+    pose = *alone;
+  }
+  if (clearest == nullptr) return std::nullopt;
+  auto keyframe = keyframeOf(*clearest, anchor, 1);
+  if (!keyframe) return std::nullopt;
+  GapJoint joint;
+  joint.marker = {clearest->detection.id, clearest->T_w_c * pose.T_c_m[0], {}};
+  if (!pose.unambiguous(resolver_.final_ratio)) {
+    joint.marker.other_T_w_m = clearest->T_w_c * pose.T_c_m[1];
+  }
+  joint.keyframes.push_back(std::move(*keyframe));
+  return joint;
+}
+
+std::optional<Keyframe> GapMapper::keyframeOf(const View& view, const MapMarker& anchor,
+                                              std::size_t shared) {
+  const auto link =
+      linkTo(anchor.id, *anchor.T_w_m, view.T_w_c, static_cast<double>(shared) * view.covariance);
+  if (!link) return std::nullopt;
+  return Keyframe{.sequence = view.time.sequence,
+                  .monotonic_ns = view.time.monotonic_ns,
+                  .T_w_c = view.T_w_c,
+                  .detections = {view.detection},
+                  .twist = view.twist,
+                  .links = {*link}};
 }
 
 }  // namespace waymark::slam

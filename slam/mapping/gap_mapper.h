@@ -1,7 +1,9 @@
 // Markers that come into view while natural features carry the pose (seed 2, section 3.3): they
 // join the map with what was carried. A marker without a pose in the map is looked at from several
 // carried poses until these decide between its two and know its place; then they become keyframes,
-// each with a link to the marker that the carried poses are relative to.
+// each with a link to the marker that the carried poses are relative to. Where no pose of the
+// marker explains them all, what was carried is at odds with itself (a scale that has drifted,
+// say): the one view that tells most by itself becomes a keyframe then.
 //
 // The poses of a stretch share their drift: n links of one stretch have n times the covariance, so
 // that together they say what one of them knows.
@@ -103,6 +105,11 @@ class GapMapper {
                                    const Transform& T_w_c) const;
   [[nodiscard]] std::optional<GapJoint> decide(const Sighting& sighting, const MapMarker& anchor,
                                                double residual_sigma) const;
+  [[nodiscard]] std::optional<GapJoint> decideAlone(const Sighting& sighting,
+                                                    const MapMarker& anchor) const;
+  // shared: keyframes that have the stretch's drift in common.
+  [[nodiscard]] static std::optional<Keyframe> keyframeOf(const View& view, const MapMarker& anchor,
+                                                          std::size_t shared);
 
   const MarkerOptions& markers_;
   double focal_px_;

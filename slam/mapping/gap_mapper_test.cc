@@ -88,6 +88,31 @@ TEST_F(GapMapperTest, ANewMarkerComesWithLinksToTheAnchor) {
   }
 }
 
+// Its scale has drifted: the camera is carried twice as far as it goes. No pose of the marker
+// explains that, but each view has one.
+TEST_F(GapMapperTest, CarriedPosesAtOddsWithThemselvesGiveTheClearestView) {
+  for (int i = 1; i <= 12 && !joint_; ++i) {
+    const double way_m = 0.1 * i;
+    Vector6d too_far = Vector6d::Zero();
+    too_far.x() = way_m;
+    joint_ = look(2.5 + way_m, too_far);
+  }
+  ASSERT_TRUE(joint_);
+  ASSERT_EQ(joint_->keyframes.size(), 1U);
+  const Keyframe& keyframe = joint_->keyframes.front();
+  ASSERT_EQ(keyframe.detections.size(), 1U);
+  const auto alone =
+      estimateSquarePose(keyframe.detections.front(), kSize_m, camera_.focalLength());
+  ASSERT_TRUE(alone);
+  EXPECT_GT(alone->ratio, resolver_.ambiguity_ratio);
+  const Transform T_c_m = keyframe.T_w_c.inverse() * joint_->marker.T_w_m;
+  EXPECT_LT((T_c_m.p - alone->T_c_m[0].p).norm(), 1e-9);
+  EXPECT_EQ(joint_->marker.other_T_w_m.has_value(), alone->ratio <= resolver_.final_ratio);
+  ASSERT_EQ(keyframe.links.size(), 1U) << "which nothing else shares";
+  const auto link = linkTo(kAnchor, T_w_anchor_, keyframe.T_w_c, covariance_);
+  EXPECT_TRUE(keyframe.links[0].covariance.isApprox(link->covariance));
+}
+
 // Three views decide, and there will be no more of them.
 TEST_F(GapMapperTest, AMarkerOutOfSightJoinsWithWhatThereIs) {
   for (int i = 0; i < 3; ++i) ASSERT_FALSE(look(2.6 + 0.2 * i));
