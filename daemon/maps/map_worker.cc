@@ -7,6 +7,7 @@
 #include "base/clock.h"
 #include "io/maps/map_file.h"
 #include "io/text/text_file.h"
+#include "slam/covariance/constraint_check.h"
 #include "slam/final_map.h"
 
 namespace waymark::daemon {
@@ -162,14 +163,25 @@ Result<std::string> MapWorker::saveNow() {
 
 // Optimized as at the end of a recording, but without frames, in a SLAM that will see none.
 Result<std::string> MapWorker::saveCopy(std::vector<slam::Map> pieces, double readout_s,
-                                        const slam::Calibration& camera) const {
+                                        const slam::Calibration& camera) {
   slam::Options options = withLens(settings_.options, camera);
   options.shutter.learned_s = readout_s;
   slam::Map first = std::move(pieces.front());
   pieces.erase(pieces.begin());
   const auto slam = makeSlam(settings_, camera, options, std::move(first), std::move(pieces));
   slam::makeFinalMap({}, {}, slam.get());
+  noteContradictions(*slam);
   return writeMap(settings_, *slam, slam->camera().calibration());
+}
+
+void MapWorker::noteContradictions(const slam::Slam& slam) {
+  const slam::MarkerOptions& markers = settings_.options.markers;
+  for (const slam::Map* const piece : slam.pieces()) {
+    for (const auto& found : contradictions(constraintResiduals(*piece, markers), markers)) {
+      const std::string which = constraintText({.source = found.source}, markers);
+      if (told_contradictions_.insert(which).second) log_.warning(constraintText(found, markers));
+    }
+  }
 }
 
 std::optional<slam::Calibration> MapWorker::cameraInUse() {
@@ -256,6 +268,7 @@ Result<std::string> MapWorker::saveAtEnd(slam::Slam& slam) {
   const std::uint64_t revision = output_.map_revision.load(std::memory_order_relaxed);
   if (settings_.map.out.empty() || (saved_ns_ != 0 && !changed())) return std::string();
   Result<std::string> saved = saveMap(settings_, slam);
+  noteContradictions(slam);
   noteSave(saved, revision);
   return saved;
 }

@@ -13,6 +13,7 @@
 #include <memory>
 #include <mutex>
 #include <optional>
+#include <set>
 #include <string>
 #include <utility>
 #include <vector>
@@ -96,7 +97,10 @@ class MapWorker {
   [[nodiscard]] Result<std::string> perform(const Request& request);
   [[nodiscard]] Result<std::string> saveNow();
   [[nodiscard]] Result<std::string> saveCopy(std::vector<slam::Map> pieces, double readout_s,
-                                             const slam::Calibration& camera) const;
+                                             const slam::Calibration& camera);
+  // What surveyors and floor plans say, and the map does not bear out: a warning each, once. Takes
+  // the marginals of all of the map.
+  void noteContradictions(const slam::Slam& slam);
   // What has been learned of the lens is the camera's, not a map's. As it was given where nothing
   // has; empty where the SLAM has come to its end.
   [[nodiscard]] std::optional<slam::Calibration> cameraInUse();
@@ -127,6 +131,7 @@ class MapWorker {
   std::string last_save_;
   std::int64_t saved_ns_ = 0;
   std::uint64_t saved_revision_ = 0;
+  std::set<std::string> told_contradictions_;
 
   std::atomic<std::uint64_t> saves_{0};
   std::atomic<std::uint64_t> save_failures_{0};

@@ -1,5 +1,6 @@
 #include "daemon/maps/map_worker.h"
 
+#include <algorithm>
 #include <atomic>
 #include <chrono>
 #include <cstdint>
@@ -128,6 +129,23 @@ TEST_F(MapWorkerTest, WhatIsTooLargeForAMapIsNotRead) {
   ASSERT_TRUE(io::writeTextFile(large, "{"));
   fs::resize_file(large, std::uintmax_t{3} << 30U);
   EXPECT_EQ(load(large), "error: " + large.string() + ": is larger than 256 MiB");
+}
+
+// A tape measure misread by 2 m, in the log once; the other one, which fits, is not.
+TEST_F(MapWorkerTest, WhatSurveyorsSayAndTheMapDoesNotIsInTheLog) {
+  settings_.options.markers.constraints.distances = {{.id_a = 0, .id_b = 1, .distance_m = 2.5},
+                                                     {.id_a = 2, .id_b = 3, .distance_m = 0.5}};
+  start(wallMap());
+  log_.setLevel(LogLevel::kWarning);
+  ::testing::internal::CaptureStderr();
+  EXPECT_TRUE(save().starts_with(file_.string() + ": saved 8 markers, "));
+  const std::string told = ::testing::internal::GetCapturedStderr();
+  EXPECT_NE(told.find("waymarkd: warning: marker 0: "), std::string::npos) << told;
+  EXPECT_NE(told.find(" sigmas from distance 0/0 to 1/0"), std::string::npos) << told;
+  EXPECT_EQ(std::ranges::count(told, '\n'), 1) << told;
+  ::testing::internal::CaptureStderr();
+  (void)save();
+  EXPECT_EQ(::testing::internal::GetCapturedStderr(), "");
 }
 
 // While one is done, so many wait, and whoever has gone leaves his place.

@@ -77,7 +77,7 @@ class MapWorkerFixture : public ::testing::Test {
   SlamRequests requests_{frames_};
   SlamOutput output_;
   const CameraStatus camera_status_;
-  const Log log_{LogLevel::kError, false};
+  Log log_{LogLevel::kError, false};
   std::unique_ptr<SlamLoop> loop_;
   std::unique_ptr<MapWorker> worker_;
   std::thread loop_thread_;
