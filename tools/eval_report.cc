@@ -30,6 +30,7 @@ void add(const TrajectoryErrors& t, Json* json) {
 void add(const MapErrors& map, Json* json) {
   (*json)["ace_m"] = toJson(map.ace_m);
   (*json)["common_markers"] = map.common;
+  (*json)["pieces"] = map.pieces;
   (*json)["missing_markers"] = map.missing;
   (*json)["unknown_markers"] = map.unknown;
 }
@@ -79,7 +80,10 @@ std::string text(const ViewCoverage& coverage) {
 
 std::string text(const MapErrors& map) {
   return statisticsText("ACE", map.ace_m) + "      " + std::to_string(map.common) +
-         " markers in both maps\n" + idsText("missing from the map", map.missing) +
+         " markers in both maps" +
+         (map.pieces > 1 ? ", of " + std::to_string(map.pieces) + " pieces, each aligned by itself"
+                         : "") +
+         "\n" + idsText("missing from the map", map.missing) +
          idsText("not in the truth", map.unknown);
 }
 

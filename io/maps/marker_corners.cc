@@ -15,6 +15,7 @@ MarkerCorners markerCorners(const JsonNode& node) {
   marker.size_m = node.at("size").positive();
   const std::vector<JsonNode> corners = node.at("corners").elements(4);
   for (std::size_t i = 0; i < corners.size(); ++i) marker.corners[i] = corners[i].point3();
+  if (node.has("piece")) marker.piece = static_cast<int>(node.at("piece").integer(0, 1'000'000));
   return marker;
 }
 
@@ -59,7 +60,7 @@ std::vector<MarkerCorners> posedMarkerCorners(const slam::Map& map) {
   std::vector<MarkerCorners> markers;
   for (const auto& [id, marker] : map.markers()) {
     if (!marker.T_w_m || slam::isPicture(id)) continue;
-    markers.push_back({id, marker.size_m, marker.cornersInWorld()});
+    markers.push_back({id, marker.size_m, marker.cornersInWorld(), map.piece});
   }
   return markers;
 }

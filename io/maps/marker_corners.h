@@ -20,6 +20,7 @@ struct MarkerCorners {
   int id = -1;
   double size_m = 0.0;
   std::array<Eigen::Vector3d, 4> corners;
+  int piece = 0;  // of the map, whose world the corners are in
 };
 
 // {"note":...,"markers":[{"id","size","corners"}]}, in the order given.

@@ -38,6 +38,23 @@ TEST(MarkerCorners, OfAMapFile) {
   }
 }
 
+TEST(MarkerCorners, TheirPieceComesWithThem) {
+  const TemporaryDirectory directory;
+  const slam::Map first = twoMarkers();
+  slam::Map second;
+  second.piece = 5;
+  second.addMarker(40, 0.1);
+  second.place(40, slam::Transform{});
+  const std::vector<const slam::Map*> others = {&second};
+  ASSERT_TRUE(
+      writeTextFile(directory / "map.json", formatMap(first, std::nullopt, 0.0, {}, others)));
+  const auto markers = readMarkerCorners(directory / "map.json");
+  ASSERT_TRUE(markers.ok()) << markers.error().message;
+  ASSERT_EQ(markers->size(), 3U);
+  EXPECT_EQ((*markers)[0].piece, 0);
+  EXPECT_EQ((*markers)[2].piece, 5);
+}
+
 TEST(MarkerCorners, LayoutReadsBack) {
   const TemporaryDirectory directory;
   const std::vector<MarkerCorners> layout = posedMarkerCorners(twoMarkers());

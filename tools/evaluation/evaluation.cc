@@ -167,23 +167,34 @@ Result<MapErrors> compareMaps(std::span<const io::MarkerCorners> truth,
   std::map<int, const io::MarkerCorners*> unmatched;
   for (const io::MarkerCorners& marker : estimate) unmatched[marker.id] = &marker;
   MapErrors result;
-  std::vector<Eigen::Vector3d> from;
-  std::vector<Eigen::Vector3d> to;
+  struct Corners {
+    std::vector<Eigen::Vector3d> estimate, truth;
+  };
+  std::map<int, Corners> pieces;
   for (const io::MarkerCorners& marker : truth) {
     const auto found = unmatched.find(marker.id);
     if (found == unmatched.end()) {
       result.missing.push_back(marker.id);
       continue;
     }
-    from.insert(from.end(), found->second->corners.begin(), found->second->corners.end());
-    to.insert(to.end(), marker.corners.begin(), marker.corners.end());
+    const io::MarkerCorners& ours = *found->second;
+    Corners& piece = pieces[ours.piece];
+    piece.estimate.insert(piece.estimate.end(), ours.corners.begin(), ours.corners.end());
+    piece.truth.insert(piece.truth.end(), marker.corners.begin(), marker.corners.end());
     unmatched.erase(found);
     ++result.common;
   }
   for (const auto& [id, marker] : unmatched) result.unknown.push_back(id);
   if (result.common == 0) return Error{"no marker is in both maps"};
-  result.T_truth_est = slam::alignPoints(from, to);
-  result.ace_m = distances(from, to, result.T_truth_est);
+  std::vector<Eigen::Vector3d> from;
+  std::vector<Eigen::Vector3d> to;
+  for (const auto& [id, piece] : pieces) {
+    const slam::Transform T_truth_est = slam::alignPoints(piece.estimate, piece.truth);
+    for (const Eigen::Vector3d& corner : piece.estimate) from.push_back(T_truth_est * corner);
+    to.insert(to.end(), piece.truth.begin(), piece.truth.end());
+  }
+  result.pieces = pieces.size();
+  result.ace_m = distances(from, to, {});
   return result;
 }
 

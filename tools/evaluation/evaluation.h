@@ -57,11 +57,13 @@ struct TrajectoryErrors {
                                                            const TrajectoryOptions& options);
 
 struct MapErrors {
-  std::size_t common = 0;       // markers in both
-  std::vector<int> missing;     // ids only in the truth
-  std::vector<int> unknown;     // ids only in the estimate
-  slam::Transform T_truth_est;  // the alignment of the two worlds, by the common corners
-  ErrorStatistics ace_m;        // ACE: corner, after alignment; the seed's is the mean
+  std::size_t common = 0;    // markers in both
+  std::vector<int> missing;  // ids only in the truth
+  std::vector<int> unknown;  // ids only in the estimate
+  // Of the estimate, with markers in both. Each is aligned by itself: they have worlds of their
+  // own.
+  std::size_t pieces = 0;
+  ErrorStatistics ace_m;  // ACE: corner, after alignment; the seed's is the mean
 };
 
 // In how many of the frames in which a pose could be expected there is one.

@@ -170,5 +170,26 @@ TEST(Evaluation, AceComparesCommonMarkers) {
   EXPECT_NEAR(rough->ace_m.mean, 0.002, 2e-5);
 }
 
+// Each piece of a map has a world of its own.
+TEST(Evaluation, PiecesAreAlignedEachByItself) {
+  std::vector<io::MarkerCorners> truth;
+  std::vector<io::MarkerCorners> estimate;
+  for (int id = 0; id < 6; ++id) {
+    const slam::Transform T_w_m = slam::Transform{}.retract(slam::Vector6d::Constant(0.3 * id));
+    truth.push_back(marker(id, T_w_m));
+    estimate.push_back(marker(id, id < 3 ? T_w_m : someMotion() * T_w_m));
+  }
+  const auto as_one = compareMaps(truth, estimate);
+  ASSERT_TRUE(as_one.ok());
+  EXPECT_EQ(as_one->pieces, 1U);
+  EXPECT_GT(as_one->ace_m.mean, 0.1);
+  for (io::MarkerCorners& m : estimate) m.piece = m.id < 3 ? 0 : 7;
+  const auto apart = compareMaps(truth, estimate);
+  ASSERT_TRUE(apart.ok());
+  EXPECT_EQ(apart->common, 6U);
+  EXPECT_EQ(apart->pieces, 2U);
+  EXPECT_LT(apart->ace_m.max, 1e-9);
+}
+
 }  // namespace
 }  // namespace waymark::tools
