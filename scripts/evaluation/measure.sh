@@ -103,6 +103,32 @@ measure_constraints() {
     '{run: $run.name, made: $made, known: $known[0]}' | write_json "$2"
 }
 
+# measure_building RUN FILE: a map that begins in pieces. A pose in any of them counts; errors are of
+# the piece that most frames end in, and of all markers, each piece aligned by itself.
+measure_building() {
+  local seed arguments video truth=$work/truth out=$work/out all=$work/all.tum
+  mapfile -t arguments < <(jq -r '.simulate[]' <<< "$1")
+  rm -f "$work"/building-*.json
+  for seed in ${seeds:-1 2 3}; do
+    video=$(render "${arguments[@]}" --seed "$seed")
+    rm -rf "$truth" "$out"
+    "$waymark" simulate "${arguments[@]}" --seed "$seed" --out "$truth" --truth-only
+    run_simulated "$video" "$truth" --save-detections "$out/detections.csv" --out "$out"
+    cat "$out"/trajectory.tum "$out"/trajectory_[0-9]*.tum > "$all"
+    "$waymark" eval --truth "$truth/gt_traj.txt" --estimate "$all" --map "$out/map.json" \
+      --visible "$truth/gt_visible.csv" --json > "$work/live.json"
+    "$waymark" eval --truth "$truth/gt_traj.txt" --estimate "$out/trajectory_final.tum" \
+      --truth-map "$truth/gt_map.json" --map "$out/map.json" --limit "$out/detections.csv" \
+      --limit-frames 1430 --calibration "$truth/calib.yml" --json > "$work/final.json"
+    jq -n --argjson seed "$seed" --slurpfile stats "$out/stats.json" --slurpfile live "$work/live.json" \
+      --slurpfile final "$work/final.json" \
+      '{seed: $seed, frames: $stats[0].frames, localized: $stats[0].localized, markers: $stats[0].markers,
+        begun: $stats[0].counters.pieces_begun, live: $live[0], final: $final[0]}' > "$work/building-$seed.json"
+  done
+  jq -n --argjson run "$1" --argjson made "$(provenance)" \
+    '{run: $run.name, made: $made, seeds: [inputs]}' "$work"/building-*.json | write_json "$2"
+}
+
 # measure_gaps RUN FILE: poses between markers; a row may have a figure of its first run.
 measure_gaps() {
   local figure keep=()

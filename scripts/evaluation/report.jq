@@ -180,6 +180,16 @@ def constraint_table:
            ([.seeds[].final | "\(.along_mm | signed) \(.out_mm | signed) \(.up_mm | signed)"] | join(", ")),
            by_constraint_seed(.final.sigma_mm), by_constraint_seed(.final.nees), $commit] end]);
 
+def building_table:
+  table(["frames", "seed", "with a pose", "with a marker in view", "pieces: begun / left", "markers", "ATE final, mm", "ACE, mm",
+         "limit ATE / ACE, mm", "version"];
+    [$plan.buildings[] as $plan | first($buildings[] | select(.run == $plan.name)) // null
+      | if . == null then [$plan.what, "not measured"] + [range(8) | ""] else
+        .made.commit as $commit | .seeds[]
+        | [$plan.what, .seed, "\(.localized) of \(.frames)", "\(.live.in_view.localised) of \(.live.in_view.frames)",
+           "\(1 + .begun) / \(.final.pieces)", .markers, (.final.ate_m.mean | mm), (.final.ace_m.mean | mm),
+           "\(.final.limit.ate_m.mean | mm) / \(.final.limit.ace_m.mean | mm)", $commit] end]);
+
 def recording_missed($t):
   [ (select($t.markers and .stats.markers < $t.markers) | "markers"),
     (select($t.rms_px and .map_rms_px == null) | "RMS not measured"),
@@ -224,6 +234,9 @@ $text.long, "", long_table,
 "## What is known of markers",
 "",
 $text.constraints, "", constraint_table,
+"## A building in pieces",
+"",
+$text.buildings, "", building_table,
 "## Between markers",
 "",
 $text.gaps, "", gap_table,
