@@ -5,6 +5,7 @@
 #include <cstddef>
 #include <utility>
 
+#include "slam/covariance/excess_covariance.h"
 #include "slam/final_smoother.h"
 #include "slam/slam.h"
 #include "slam/tracking/single_marker_view.h"
@@ -137,7 +138,7 @@ void fillGaps(std::span<const LiveFrame> frames, std::vector<std::optional<PoseE
     if (!says_less && !wasCarried(frames[i], pose)) continue;
     // What the map does not know of its markers stays.
     const PoseEstimate& of_world = pose ? *pose : *frames[i].pose;
-    const Matrix6d in_world = of_world.covariance - of_world.view_covariance;
+    const Matrix6d in_world = excessOf(of_world.covariance, of_world.view_covariance);
     pose = frames[i].pose;
     pose->T_w_c = smoothed[i]->T_w_c;
     pose->view_covariance = covariance;

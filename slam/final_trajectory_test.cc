@@ -5,6 +5,7 @@
 #include <random>
 #include <vector>
 
+#include <Eigen/Cholesky>
 #include <gtest/gtest.h>
 
 #include "slam/slam.h"
@@ -180,6 +181,30 @@ TEST_F(FinalTrajectoryTest, BetweenMarkersBothEndsCorrectWhatWasCarried) {
   const auto open = localizeAll(frames, {}, slam);
   ASSERT_TRUE(open[kEnd - 1].pose);
   EXPECT_NEAR((open[kEnd - 1].pose->T_w_c.p - eyeAt(kEnd - 1).p).norm(), 0.03, 0.008);
+}
+
+// Near where a map began, a pose is known better in the world than relative to what is in view.
+TEST_F(FinalTrajectoryTest, WhatIsKnownBetterInTheWorldLeavesACovariance) {
+  constexpr int kBegin = 30;
+  constexpr int kEnd = 60;
+  Slam slam = makeSlam();
+  auto frames = approach(0, kCount, &slam, 0.002);
+  for (int i = kBegin; i < kEnd; ++i) {
+    LiveFrame& frame = frames[static_cast<std::size_t>(i)];
+    frame.pose = carriedPose(i, i - kBegin + 1, 0.0);
+    frame.pose->covariance *= 0.2;
+    frame.pose->covariance(0, 0) *= 10.0;
+    frame.detections.clear();
+  }
+  const auto all = localizeAll(frames, {}, slam);
+  for (int i = kBegin; i < kEnd; ++i) {
+    const auto& pose = all[static_cast<std::size_t>(i)].pose;
+    ASSERT_TRUE(pose) << i;
+    const Matrix6d beyond = pose->covariance - pose->view_covariance;
+    EXPECT_EQ(pose->covariance.llt().info(), Eigen::Success) << i;
+    EXPECT_NEAR(beyond(0, 0), 1e-4 * (i - kBegin + 1), 1e-9) << "what the world adds stays";
+    EXPECT_NEAR(beyond(1, 1), 0.0, 1e-9) << i;
+  }
 }
 
 // The marker is still in view, but so badly that the features knew better.

@@ -6,10 +6,8 @@
 #include <memory_resource>
 #include <vector>
 
-#include <Eigen/Cholesky>
-#include <Eigen/Eigenvalues>
-
 #include "base/stack_arena.h"
+#include "slam/covariance/excess_covariance.h"
 #include "slam/covariance/marker_information.h"
 #include "slam/geometry/minimize_pose.h"
 #include "slam/optimization/block_kernels.h"
@@ -52,19 +50,6 @@ Blocks chooseOfMap(const Voices& voices, const MapMarginals& marginals,
     }
   }
   return blocks;
-}
-
-// What one covariance has beyond another, whose inverse exists: in no direction less than nothing.
-Matrix6d excessOf(const Matrix6d& covariance, const Matrix6d& other) {
-  const Eigen::LLT<Matrix6d> llt(other);
-  if (llt.info() != Eigen::Success) return Matrix6d::Zero();
-  const Matrix6d L = llt.matrixL();
-  Matrix6d relative = llt.matrixL().solve(covariance);
-  relative = llt.matrixL().solve(relative.transpose().eval());
-  const Eigen::SelfAdjointEigenSolver<Matrix6d> eigen(relative);
-  const Matrix6d axes = L * eigen.eigenvectors();
-  const Vector6d beyond = (eigen.eigenvalues().array() - 1.0).cwiseMax(0.0);
-  return axes * beyond.asDiagonal() * axes.transpose();
 }
 
 double ofPlace(const Matrix6d& covariance) { return covariance.topLeftCorner<3, 3>().trace(); }
