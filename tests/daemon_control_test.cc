@@ -11,6 +11,7 @@
 #include <sys/stat.h>
 
 #include "daemon/system/testing_service_manager.h"
+#include "io/calibrations/calibration_file.h"
 #include "io/maps/map_file.h"
 #include "tests/running_daemon.h"
 #include "tests/subscriber.h"
@@ -97,6 +98,22 @@ TEST_F(DaemonControlTest, ADaemonStartedByHandIsFound) {
   second.signal(SIGTERM);
   EXPECT_EQ(second.wait(milliseconds(20'000)), 0) << second.stderrText();
   EXPECT_EQ(asked().exit_code, 0) << "the first one goes on";
+}
+
+TEST_F(DaemonControlTest, TheLensInUseIsSaved) {
+  start(configuration());
+  const fs::path file = directory_ / "calib.yml";
+  EXPECT_TRUE(printed({"save-calibration", file.string()})
+                  .starts_with(file.string() + ": the lens as given, focal length "));
+  const auto saved = io::readCalibration(file);
+  ASSERT_TRUE(saved) << saved.error().message;
+  EXPECT_EQ(saved->width, 320);
+  EXPECT_EQ(saved->fx, status()["lens"]["fx"]);
+  const ProgramResult again = ctl({"save-calibration", file.string()});
+  EXPECT_EQ(again.exit_code, 2);
+  EXPECT_EQ(again.err,
+            "waymark ctl: " + file.string() + ": is there already; --force takes its place\n");
+  (void)printed({"save-calibration", file.string(), "--force"});
 }
 
 // Without pieces: a camera that is among markers which the loaded map does not have yet would begin

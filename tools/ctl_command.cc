@@ -74,20 +74,6 @@ Result<std::string> socketOf(const CtlOptions& options) {
                "configuration)"};
 }
 
-// As the daemon's status has it.
-slam::Calibration calibrationOf(const Json& lens) {
-  slam::Calibration c;
-  c.width = lens.at("width");
-  c.height = lens.at("height");
-  c.fx = lens.at("fx");
-  c.fy = lens.at("fy");
-  c.cx = lens.at("cx");
-  c.cy = lens.at("cy");
-  c.distortion = lens.at("distortion");
-  if (lens.at("model") == "equidistant") c.model = slam::DistortionModel::kEquidistant;
-  return c;
-}
-
 // The daemon may write to its own directories only; the file is whoever asks's.
 ExitCode saveCalibration(const CtlOptions& options) {
   const auto failed = [](const std::string& why, ExitCode code) {
@@ -101,15 +87,19 @@ ExitCode saveCalibration(const CtlOptions& options) {
   const Result<std::string> socket = socketOf(options);
   if (!socket) return failed(socket.error().message, kBadInput);
   const auto timeout = std::chrono::milliseconds(static_cast<int>(1000.0 * options.timeout_s));
-  const Result<Json> reply = askDaemon(*socket, {{"command", "status"}}, timeout);
+  const Result<Json> status = askDaemon(*socket, {{"command", "status"}}, timeout);
+  if (!status) return failed(status.error().message, kBadInput);
+  const Json& lens = status->at("lens");
+  if (lens.at("width") == 0) return failed("no frame has come yet", kRejected);
+  const Result<Json> reply = askDaemon(*socket, {{"command", "calibration"}}, timeout);
   if (!reply) return failed(reply.error().message, kBadInput);
-  const Json& lens = reply->at("lens");
-  const slam::Calibration calibration = calibrationOf(lens);
-  if (!calibration.invalidReason().empty()) return failed("no frame has come yet", kRejected);
-  const Status written = io::writeCalibration(options.file, calibration);
+  const auto calibration =
+      io::parseCalibration(reply->value("result", ""), "the daemon's calibration");
+  if (!calibration) return failed(calibration.error().message, kRejected);
+  const Status written = io::writeCalibration(options.file, *calibration);
   if (!written) return failed(written.error().message, kBadInput);
   std::printf("%s: the lens as %s, focal length %.2f px\n", options.file.c_str(),
-              lens.at("state").get<std::string>().c_str(), calibration.fx);
+              lens.at("state").get<std::string>().c_str(), calibration->fx);
   return kDone;
 }
 

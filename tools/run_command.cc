@@ -99,17 +99,9 @@ std::string otherWorldReason(const slam::Options& options,
 // What surveyors and floor plans say, and the map does not bear out: a line each.
 void tellOfContradictions(const slam::MarkerOptions& markers,
                           const std::vector<const slam::Map*>& pieces) {
-  constexpr std::size_t kMostLines = 10;
-  for (const slam::Map* map : pieces) {
-    const auto found = slam::contradictions(slam::constraintResiduals(*map, markers), markers);
-    for (std::size_t i = 0; i < std::min(found.size(), kMostLines); ++i) {
-      std::fprintf(stderr, "waymark: warning: %s\n",
-                   slam::constraintText(found[i], markers).c_str());
-    }
-    if (found.size() > kMostLines) {
-      std::fprintf(stderr, "waymark: warning: and %zu more such contradictions\n",
-                   found.size() - kMostLines);
-    }
+  for (const std::string& line :
+       slam::contradictionLines(slam::contradictions(pieces, markers), markers)) {
+    std::fprintf(stderr, "waymark: warning: %s\n", line.c_str());
   }
 }
 

@@ -81,12 +81,13 @@ ControlRequest plain(Reader* /*reader*/) {
   return Request{};
 }
 
-const std::array<Command, 8>& commands() {
-  static const std::array<Command, 8> kCommands = {{
+const std::array<Command, 9>& commands() {
+  static const std::array<Command, 9> kCommands = {{
       {"status", "", plain<StatusRequest>},
       {"save-map", "", plain<SaveMapRequest>},
       {"load-map", "file", readLoadMap},
       {"reset", "", plain<ResetRequest>},
+      {"calibration", "", plain<CalibrationRequest>},
       {"record", "action", readRecord},
       {"preview", "", plain<PreviewRequest>},
       {"reload", "", plain<ReloadRequest>},

@@ -16,6 +16,7 @@ struct LoadMapRequest {
   std::filesystem::path file;  // empty: the map that the daemon would start with
 };
 struct ResetRequest {};
+struct CalibrationRequest {};  // of the lens in use
 struct RecordRequest {
   bool start = true;  // else stop
 };
@@ -26,8 +27,8 @@ struct SetLogLevelRequest {
 };
 
 using ControlRequest =
-    std::variant<StatusRequest, SaveMapRequest, LoadMapRequest, ResetRequest, RecordRequest,
-                 PreviewRequest, ReloadRequest, SetLogLevelRequest>;
+    std::variant<StatusRequest, SaveMapRequest, LoadMapRequest, ResetRequest, CalibrationRequest,
+                 RecordRequest, PreviewRequest, ReloadRequest, SetLogLevelRequest>;
 
 // {"command":"load-map","file":"/var/lib/waymark/map.json"} and the like; docs/control.md lists
 // them. Unknown commands and keys, missing ones and wrong values are errors that name them.

@@ -30,6 +30,7 @@ TEST(ControlRequest, EveryCommand) {
   EXPECT_EQ(parsed<LoadMapRequest>(R"({"command":"load-map"})").file, "");
   EXPECT_EQ(parsed<LoadMapRequest>(R"({"file":"/m.json","command":"load-map"})").file, "/m.json");
   parsed<ResetRequest>(R"({"command":"reset"})");
+  parsed<CalibrationRequest>(R"({"command":"calibration"})");
   EXPECT_TRUE(parsed<RecordRequest>(R"({"command":"record","action":"start"})").start);
   EXPECT_FALSE(parsed<RecordRequest>(R"({"command":"record","action":"stop"})").start);
   parsed<ReloadRequest>(R"({"command":"reload"})");
@@ -44,8 +45,8 @@ TEST(ControlRequest, ErrorsNameWhatIsWrong) {
   EXPECT_EQ(errorOf("{}"), "command: is missing");
   EXPECT_EQ(errorOf(R"({"command":1})"), "command: must be text");
   EXPECT_EQ(errorOf(R"({"command":"fly"})"),
-            "command: \"fly\" is not known; known are status, save-map, load-map, reset, record, "
-            "preview, reload, set-log-level");
+            "command: \"fly\" is not known; known are status, save-map, load-map, reset, "
+            "calibration, record, preview, reload, set-log-level");
   EXPECT_EQ(errorOf(R"({"command":"status","file":"/m"})"), "status: file: unknown key");
   EXPECT_EQ(errorOf(R"({"command":"load-map","file":"m"})"),
             "load-map: file: must be an absolute path");

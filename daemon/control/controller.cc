@@ -106,6 +106,12 @@ Controller::Reply Controller::execute(const ResetRequest& /*request*/,
   return {};
 }
 
+Controller::Reply Controller::execute(const CalibrationRequest& /*request*/,
+                                      ControlServer::ClientId client) {
+  parts_.maps.calibration(answerLater(client), client);
+  return {};
+}
+
 Controller::Reply Controller::execute(const RecordRequest& request,
                                       ControlServer::ClientId /*client*/) {
   if (parts_.recorder == nullptr) return failure("record.directory is not configured");

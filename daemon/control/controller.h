@@ -73,6 +73,7 @@ class Controller {
   Reply execute(const SaveMapRequest& request, ControlServer::ClientId client);
   Reply execute(const LoadMapRequest& request, ControlServer::ClientId client);
   Reply execute(const ResetRequest& request, ControlServer::ClientId client);
+  Reply execute(const CalibrationRequest& request, ControlServer::ClientId client);
   Reply execute(const RecordRequest& request, ControlServer::ClientId client);
   Reply execute(const PreviewRequest& request, ControlServer::ClientId client);
   Reply execute(const ReloadRequest& request, ControlServer::ClientId client);

@@ -21,6 +21,7 @@
 #include "daemon/control/testing_client.h"
 #include "daemon/maps/testing_map_worker.h"
 #include "daemon/system/testing_service_manager.h"
+#include "io/calibrations/calibration_file.h"
 
 namespace waymark::daemon {
 namespace {
@@ -226,6 +227,12 @@ TEST_F(ControllerTest, AResetBeginsANewMapAndALoadBringsOneBack) {
       << loaded;
   EXPECT_EQ(ask(R"({"command":"load-map","file":"/nowhere.json"})")["ok"], false);
   EXPECT_EQ(output_.map_markers, 8);
+}
+
+TEST_F(ControllerTest, TheLensInUseIsACalibrationFile) {
+  ASSERT_NO_FATAL_FAILURE(begin(wallMap()));
+  EXPECT_EQ(askFor("calibration"),
+            Json({{"ok", true}, {"result", io::formatCalibration(camera_)}}));
 }
 
 TEST_F(ControllerTest, AnAnswerForAClientThatHasLeftIsForgotten) {

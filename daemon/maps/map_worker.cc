@@ -5,6 +5,7 @@
 #include <utility>
 
 #include "base/clock.h"
+#include "io/calibrations/calibration_file.h"
 #include "io/maps/map_file.h"
 #include "io/text/text_file.h"
 #include "slam/covariance/constraint_check.h"
@@ -133,6 +134,8 @@ Result<std::string> MapWorker::perform(const Request& request) {
       return loadNow(request.file);
     case Job::kReset:
       return resetNow();
+    case Job::kCalibration:
+      return calibrationNow();
   }
   return kStopping;
 }
@@ -176,19 +179,25 @@ Result<std::string> MapWorker::saveCopy(std::vector<slam::Map> pieces, double re
 
 void MapWorker::noteContradictions(const slam::Slam& slam) {
   const slam::MarkerOptions& markers = settings_.options.markers;
-  for (const slam::Map* const piece : slam.pieces()) {
-    for (const auto& found : contradictions(constraintResiduals(*piece, markers), markers)) {
-      const std::string which = constraintText({.source = found.source}, markers);
-      if (told_contradictions_.insert(which).second) log_.warning(constraintText(found, markers));
-    }
-  }
+  auto found = contradictions(slam.pieces(), markers);
+  std::erase_if(found, [&](const slam::ConstraintResidual& residual) {
+    return !told_contradictions_.insert(constraintText({.source = residual.source}, markers))
+                .second;
+  });
+  for (const std::string& line : contradictionLines(found, markers)) log_.warning(line);
 }
 
 std::optional<slam::Calibration> MapWorker::cameraInUse() {
   slam::Calibration camera;
-  const bool told = slam_requests_.run(
-      [&](const std::unique_ptr<slam::Slam>& slam) { camera = slam->camera().calibration(); });
+  const bool told = slam_requests_.run([&](const std::unique_ptr<slam::Slam>& slam) {
+    camera = slam->lens().calibrationOf(slam->camera());
+  });
   return told ? std::optional(camera) : std::nullopt;
+}
+
+Result<std::string> MapWorker::calibrationNow() {
+  const std::optional<slam::Calibration> camera = cameraInUse();
+  return camera ? Result<std::string>(io::formatCalibration(*camera)) : kStopping;
 }
 
 slam::Options MapWorker::withLens(slam::Options options, const slam::Calibration& camera) const {

@@ -61,6 +61,10 @@ class MapWorker {
   }
   // Begins a new map; the one that was is kept likewise.
   void reset(Done done, Owner owner = {}) { submit({Job::kReset, {}, std::move(done), owner}); }
+  // The lens in use and how well it is known, as the text of a calibration file.
+  void calibration(Done done, Owner owner = {}) {
+    submit({Job::kCalibration, {}, std::move(done), owner});
+  }
   // Any thread: jobs of this owner that wait are not done, and nobody is told.
   void forget(std::uint64_t owner);
 
@@ -82,7 +86,7 @@ class MapWorker {
   [[nodiscard]] Result<std::string> saveAtEnd(slam::Slam& slam);
 
  private:
-  enum class Job { kSave, kLoad, kReset };
+  enum class Job { kSave, kLoad, kReset, kCalibration };
   struct Request {
     Job job = Job::kSave;
     std::filesystem::path file;
@@ -101,14 +105,15 @@ class MapWorker {
   // What surveyors and floor plans say, and the map does not bear out: a warning each, once. Takes
   // the marginals of all of the map.
   void noteContradictions(const slam::Slam& slam);
-  // What has been learned of the lens is the camera's, not a map's. As it was given where nothing
-  // has; empty where the SLAM has come to its end.
+  // What has been learned of the lens, and how well, is the camera's, not a map's. As it was given
+  // where nothing has; empty where the SLAM has come to its end.
   [[nodiscard]] std::optional<slam::Calibration> cameraInUse();
   // With a lens that is known: as given or as learned.
   [[nodiscard]] slam::Options withLens(slam::Options options,
                                        const slam::Calibration& camera) const;
   [[nodiscard]] Result<std::string> loadNow(const std::filesystem::path& asked);
   [[nodiscard]] Result<std::string> resetNow();
+  [[nodiscard]] Result<std::string> calibrationNow();
   [[nodiscard]] Result<std::string> goOnWith(StartMap start);
   [[nodiscard]] std::string keepReplaced(const slam::Slam& before);
   void noteSave(const Result<std::string>& outcome, std::uint64_t revision);

@@ -17,6 +17,7 @@
 
 #include "capture/frame.h"
 #include "daemon/maps/testing_map_worker.h"
+#include "io/calibrations/calibration_file.h"
 #include "io/maps/map_file.h"
 #include "io/text/text_file.h"
 
@@ -97,6 +98,19 @@ TEST_F(MapWorkerTest, AResetBeginsANewMapAndNoCounterGoesBack) {
   const MapSnapshot* told = output_.map.take();
   ASSERT_NE(told, nullptr) << "subscribers learn of it";
   EXPECT_TRUE(told->markers.empty());
+}
+
+// What is known of the lens is known in another map, too.
+TEST_F(MapWorkerTest, TheLensInUseIsToldAndKept) {
+  camera_.covariance = 1e-4 * slam::IntrinsicMatrix::Identity();
+  const std::string known = io::formatCalibration(camera_);
+  start(wallMap());
+  const auto calibration = [&] {
+    return outcomeOf([&](auto done) { worker_->calibration(std::move(done)); });
+  };
+  EXPECT_EQ(calibration(), known);
+  (void)reset();
+  EXPECT_EQ(calibration(), known);
 }
 
 // Two saves take away what was saved before; what was replaced is still there.

@@ -69,7 +69,7 @@ class MapWorkerFixture : public ::testing::Test {
   const waymark::testing::TemporaryDirectory directory_;
   const std::filesystem::path file_ = directory_ / "map.json";
   std::mt19937 rng_{7};
-  const slam::Calibration camera_ = slam::testing::testCalibration();
+  slam::Calibration camera_ = slam::testing::testCalibration();
   io::SlamSettings settings_;
   capture::FramePool pool_;
   std::int64_t sequence_ = 0;

@@ -115,8 +115,7 @@ bool LensEstimator::believes(const LensEstimate& estimate, const Map& map) const
   if (!is_better_known && !(lensChange(estimate, *camera_) > least)) return false;
   // One more measurement of a lens that somebody has measured needs no reason beside that; to be
   // another one than was given it must make a difference.
-  const bool refines = knowledge_->isMeasured() &&
-                       !options_.prior.isContradicted(knowledge_->given, estimate.camera);
+  const bool refines = knowledge_->refines(estimate.camera, options_.prior);
   const bool material = estimate.rms_after_px < options_.material_rms * estimate.rms_before_px;
   if (!was_learned && !refines && !material) return false;
   return coversImage(estimate.camera) >= coversImage(*camera_) && seesAllOf(estimate.camera, map);

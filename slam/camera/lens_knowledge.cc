@@ -97,6 +97,10 @@ Calibration LensKnowledge::calibrationOf(const CameraModel& in_use) const {
   return c;
 }
 
+bool LensKnowledge::refines(const CameraModel& found, const LensPrior& prior) const {
+  return isMeasured() && !prior.isContradicted(given, found);
+}
+
 void LensKnowledge::adopt(const CameraModel& found, const IntrinsicMatrix& its_covariance,
                           double before_px, double after_px, const LensPrior& prior,
                           double learned_focal_share) {
@@ -106,7 +110,7 @@ void LensKnowledge::adopt(const CameraModel& found, const IntrinsicMatrix& its_c
   rms_before_px = before_px;
   rms_after_px = after_px;
   ++changes;
-  refines_given = isMeasured() && !prior.isContradicted(given, found);
+  refines_given = refines(found, prior);
   state = focalShare() <= learned_focal_share ? LensState::kLearned : LensState::kLearning;
 }
 

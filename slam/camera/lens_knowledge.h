@@ -96,6 +96,9 @@ struct LensKnowledge {
   [[nodiscard]] Calibration calibrationOf(const CameraModel& in_use) const;
   // Somebody has measured it and says how well.
   [[nodiscard]] bool isMeasured() const { return given.calibration().covariance.has_value(); }
+  // What was found is the lens that was measured, and the map measures it better; else it is
+  // another one.
+  [[nodiscard]] bool refines(const CameraModel& found, const LensPrior& prior) const;
   // The caller puts it in use.
   void adopt(const CameraModel& found, const IntrinsicMatrix& its_covariance, double before_px,
              double after_px, const LensPrior& prior, double learned_focal_share);

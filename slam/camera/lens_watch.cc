@@ -87,12 +87,12 @@ void LensWatch::work(double cost, const RollingShutterEstimator& shutter,
     const CameraModel before = map_grows_ ? asUnmeasured(*camera_) : *camera_;  // it has changed
     next_frames_ = std::min(2 * next_frames_, options_.watch.max_frames);
     LensProblem problem{.in_use = *camera_,
-                        .expected = isMeasured() ? before : knowledge_->given,
+                        .expected = looksForChange() ? before : knowledge_->given,
                         .prior = options_.prior,
                         .readout_s = shutter.seconds(),
                         .readout_known = shutter.isGiven(),
                         .max_keyframes = options_.watch.max_frames,
-                        .any_model = !isMeasured(),
+                        .any_model = !looksForChange(),
                         .any_beginning = knowledge_->state == LensState::kLearning,
                         // A map that grows has begun to bend to what has changed.
                         .markers_held = !map_grows_,
@@ -106,7 +106,8 @@ void LensWatch::work(double cost, const RollingShutterEstimator& shutter,
 
 bool LensWatch::believes(const LensEstimate& estimate) const {
   if (!(coversImage(estimate.camera) >= coversImage(*camera_))) return false;
-  if (!isMeasured() && estimate.focalShare() < options_.better_known * knowledge_->focalShare()) {
+  if (!looksForChange() &&
+      estimate.focalShare() < options_.better_known * knowledge_->focalShare()) {
     return true;
   }
   const double material =

@@ -47,10 +47,10 @@ class LensWatch {
   void forget();
 
  private:
-  // By somebody, or by the map while it grows: what is looked for then is a change.
-  [[nodiscard]] bool isMeasured() const { return map_grows_ || options_.given; }
+  // The lens is known, from somebody or from the map while it grows: else it is measured here.
+  [[nodiscard]] bool looksForChange() const { return map_grows_ || options_.given; }
   [[nodiscard]] int firstFrames() const {
-    return isMeasured() ? options_.watch.first_frames : options_.watch.first_frames_unmeasured;
+    return looksForChange() ? options_.watch.first_frames : options_.watch.first_frames_unmeasured;
   }
   // Views are collected, and the lens is estimated from them.
   [[nodiscard]] bool asks() const { return doubted_since_ns_ > 0 || !(map_grows_ || settled_); }

@@ -4,6 +4,7 @@
 #include <array>
 #include <cstdio>
 #include <functional>
+#include <iterator>
 
 #include "slam/covariance/marginal_recovery.h"
 #include "slam/optimization/map_fit.h"
@@ -58,13 +59,31 @@ std::string constraintText(const ConstraintResidual& residual, const MarkerOptio
          whatOf(residual.source, options);
 }
 
-std::vector<ConstraintResidual> contradictions(std::vector<ConstraintResidual> residuals,
+std::vector<ConstraintResidual> contradictions(const std::vector<const Map*>& pieces,
                                                const MarkerOptions& options) {
-  std::erase_if(residuals, [&](const ConstraintResidual& residual) {
-    return residual.sigmas <= options.constraints.gate_sigmas;
-  });
-  std::ranges::stable_sort(residuals, std::greater(), &ConstraintResidual::sigmas);
-  return residuals;
+  std::vector<ConstraintResidual> found;
+  for (const Map* const piece : pieces) {
+    std::ranges::copy_if(constraintResiduals(*piece, options), std::back_inserter(found),
+                         [&](const ConstraintResidual& residual) {
+                           return residual.sigmas > options.constraints.gate_sigmas;
+                         });
+  }
+  std::ranges::stable_sort(found, std::greater(), &ConstraintResidual::sigmas);
+  return found;
+}
+
+std::vector<std::string> contradictionLines(const std::vector<ConstraintResidual>& found,
+                                            const MarkerOptions& options) {
+  constexpr std::size_t kMost = 10;
+  std::vector<std::string> lines;
+  for (const ConstraintResidual& residual : found) {
+    if (lines.size() == kMost) {
+      lines.push_back("and " + std::to_string(found.size() - kMost) + " more such contradictions");
+      break;
+    }
+    lines.push_back(constraintText(residual, options));
+  }
+  return lines;
 }
 
 }  // namespace waymark::slam

@@ -20,8 +20,13 @@ namespace waymark::slam {
 [[nodiscard]] std::string constraintText(const ConstraintResidual& residual,
                                          const MarkerOptions& options);
 
-// Those beyond the gate (MarkerConstraints::gate_sigmas), the farthest first.
-[[nodiscard]] std::vector<ConstraintResidual> contradictions(
-    std::vector<ConstraintResidual> residuals, const MarkerOptions& options);
+// Those of all pieces that are beyond the gate (MarkerConstraints::gate_sigmas), the farthest
+// first.
+[[nodiscard]] std::vector<ConstraintResidual> contradictions(const std::vector<const Map*>& pieces,
+                                                             const MarkerOptions& options);
+
+// The first of them, and how many more there are: a plane of hundreds, said wrongly, fills no log.
+[[nodiscard]] std::vector<std::string> contradictionLines(
+    const std::vector<ConstraintResidual>& found, const MarkerOptions& options);
 
 }  // namespace waymark::slam

@@ -138,17 +138,28 @@ TEST(ConstraintCheck, CovarianceAndResidualsAreThoseOfTheErrors) {
 TEST(ConstraintCheck, AContradictionIsOneLine) {
   WallRun run(5);
   run.optimize();
-  EXPECT_TRUE(contradictions(constraintResiduals(run.map, run.options), run.options).empty());
+  EXPECT_TRUE(contradictions({&run.map}, run.options).empty());
   run.options.constraints.distances[1].distance_m += 0.1;
   run.optimize();
-  const auto residuals = constraintResiduals(run.map, run.options);
-  const auto found = contradictions(residuals, run.options);
+  const auto found = contradictions({&run.map}, run.options);
   ASSERT_EQ(found.size(), 1U);
   EXPECT_EQ(found[0].source.kind, Kind::kDistance);
   EXPECT_EQ(found[0].source.index, 1U);
   const std::string text = constraintText(found[0], run.options);
   EXPECT_TRUE(text.starts_with("marker 6: ")) << text;
   EXPECT_TRUE(text.ends_with(" sigmas from distance 6/0 to 11/3")) << text;
+}
+
+TEST(ConstraintCheck, OfManyContradictionsTheFirstAreTold) {
+  WallRun run(5);
+  std::vector<ConstraintResidual> found(10, {.source = {.kind = Kind::kUpright}, .sigmas = 7.0});
+  EXPECT_EQ(contradictionLines(found, run.options).size(), 10U);
+  found.insert(found.begin(), {.source = {.kind = Kind::kUpright, .marker = 3}, .sigmas = 9.0});
+  found.push_back(found.back());
+  const auto lines = contradictionLines(found, run.options);
+  ASSERT_EQ(lines.size(), 11U);
+  EXPECT_EQ(lines.front(), "marker 3: 9.0 sigmas from upright");
+  EXPECT_EQ(lines.back(), "and 2 more such contradictions");
 }
 
 // As if it had never been said, in the map and in what is known of it.
@@ -174,7 +185,7 @@ TEST(ConstraintCheck, AnchorsAreHeldAgainstTheMapToo) {
   }
   run.options.anchors[1].T_w_m.p.z() += 0.1;
   run.optimize();
-  const auto found = contradictions(constraintResiduals(run.map, run.options), run.options);
+  const auto found = contradictions({&run.map}, run.options);
   ASSERT_FALSE(found.empty());
   EXPECT_EQ(found[0].source.kind, Kind::kAnchor);
   EXPECT_EQ(found[0].source.marker, 1);
