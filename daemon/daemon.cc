@@ -47,8 +47,9 @@ Daemon::Daemon(DaemonParts parts, const ReloadSignal& reload_signal, Log& log)
       requests_(frames_),
       capture_loop_(parts_.camera.opener, frames_, camera_status_, log_),
       slam_loop_(
-          makeSlam(parts_.configuration.slam, parts_.camera.calibration, parts_.start.options,
-                   std::move(parts_.start.map), std::move(parts_.start.others)),
+          makeSlam(parts_.configuration.slam, parts_.start.lens.value_or(parts_.camera.calibration),
+                   parts_.start.options, std::move(parts_.start.map),
+                   std::move(parts_.start.others)),
           frames_, camera_status_, requests_, output_),
       publisher_(parts_.configuration.publish, parts_.configuration.body,
                  parts_.configuration.slam.dictionary, output_, camera_status_, frames_, health_,

@@ -108,7 +108,7 @@ Result<Tried> tryRun(const DoctorArguments& arguments, const std::string& dictio
   }
   const std::string who =
       arguments.calibration.empty() ? "the recording's own calibration" : arguments.calibration;
-  return Tried{judgeRun(record, slam, options.markers, dictionary, samples), stepsOf(record),
+  return Tried{judgeRun(record, slam, options, dictionary, samples), stepsOf(record),
                diagnosis::lensFinding(calibration ? who : std::string(), slam.lens(),
                                       slam.camera().calibration().fx)};
 }

@@ -151,15 +151,20 @@ void printSummary(const RunRecord& record, const slam::Slam& slam, const StageTi
       timer.totalWall_ms() / std::max<double>(1.0, static_cast<double>(record.frames())));
 }
 
-// A calibration that the markers contradict, or have measured better.
-void tellOfLens(const RunArguments& arguments, const slam::Slam& slam) {
+// A calibration that the markers contradict, or have measured better; or what they say where there
+// is none.
+void tellOfLens(const RunArguments& arguments, bool lens_given, const slam::Slam& slam) {
   const slam::LensKnowledge& lens = slam.lens();
-  if (arguments.calibration.empty() || lens.state == slam::LensState::kGiven) return;
-  const double focal_px = slam.camera().calibration().fx;
-  std::fprintf(stderr, "waymark: %s %s\n", arguments.calibration.c_str(),
-               (lens.refines_given ? diagnosis::refinedText(lens, focal_px)
-                                   : diagnosis::misfitText(lens, focal_px))
-                   .c_str());
+  if (lens_given && lens.state == slam::LensState::kGiven) return;
+  const std::string& file = arguments.calibration;
+  const std::string name = !lens_given    ? ""
+                           : file.empty() ? "the recording's own calibration"
+                                          : file;
+  const auto finding = diagnosis::lensFinding(name, lens, slam.camera().calibration().fx);
+  const bool all_is_well = !lens_given && finding.level == diagnosis::Level::kGood;
+  if (!(all_is_well && arguments.quiet)) {
+    std::fprintf(stderr, "waymark: %s\n", finding.text.c_str());
+  }
   if (!lens.changedUnderWay()) return;
   std::fprintf(stderr, "waymark: the lens changed under way, %zu times\n", lens.earlier.size());
 }
@@ -198,13 +203,13 @@ Result<ExitCode> run(const RunArguments& arguments) {
     note(writeDetections(arguments.save_detections, record, setup.camera, *setup.detections));
   }
   const diagnosis::Verdict verdict =
-      judgeRun(record, slam, setup.options.markers, setup.dictionary.name(), samples);
+      judgeRun(record, slam, setup.options, setup.dictionary.name(), samples);
   slam::makeFinalMap(record.liveFrames(),
                      {.unordered_images = setup.input->unorderedImages(),
                       .optimize = !arguments.no_global,
                       .refine_intrinsics = arguments.refine_intrinsics},
                      &slam);
-  tellOfLens(arguments, slam);
+  tellOfLens(arguments, setup.options.lens.given, slam);
   if (const std::string reason = otherWorldReason(setup.options, slam.pieces()); !reason.empty()) {
     std::fprintf(stderr, "waymark: warning: %s\n", reason.c_str());
   }

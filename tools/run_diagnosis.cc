@@ -10,9 +10,9 @@ namespace waymark::tools {
 namespace {
 
 diagnosis::RunFacts factsOf(const RunRecord& record, const slam::Slam& slam,
-                            const slam::MarkerOptions& markers, const std::string& dictionary) {
+                            const slam::Options& options, const std::string& dictionary) {
   diagnosis::RunFacts facts{.dictionary = dictionary,
-                            .marker_size_m = markers.size_m,
+                            .marker_size_m = options.markers.size_m,
                             .focal_px = slam.camera().focalLength(),
                             .frames = record.frames(),
                             .localized = record.localized()};
@@ -32,6 +32,11 @@ diagnosis::RunFacts factsOf(const RunRecord& record, const slam::Slam& slam,
   facts.rejected_markers = slam.counters().rejected_markers;
   facts.rms_px = record.reprojectionRms_px();
   facts.quads = slam.counters().quads;
+  facts.lens_given = options.lens.given;
+  const slam::LensKnowledge& lens = slam.lens();
+  if (!facts.lens_given && lens.state == slam::LensState::kLearning) {
+    facts.lens_open_share = lens.focalShare();
+  }
   for (const auto& [reason, count] : record.reasons()) {
     facts.reasons[slam::describe(reason)] = count;
   }
@@ -41,9 +46,9 @@ diagnosis::RunFacts factsOf(const RunRecord& record, const slam::Slam& slam,
 }  // namespace
 
 diagnosis::Verdict judgeRun(const RunRecord& record, const slam::Slam& slam,
-                            const slam::MarkerOptions& markers, const std::string& dictionary,
+                            const slam::Options& options, const std::string& dictionary,
                             const diagnosis::ImageSamples& samples) {
-  diagnosis::RunFacts facts = factsOf(record, slam, markers, dictionary);
+  diagnosis::RunFacts facts = factsOf(record, slam, options, dictionary);
   facts.own_corners = !samples.images().empty();
   if (diagnosis::wantsImages(facts) && !samples.images().empty()) {
     facts.images = diagnosis::lookAt(samples.images(), dictionary, slam.camera());

@@ -12,7 +12,7 @@ namespace waymark::tools {
 // `samples`: some of the run's images, empty where it had none. They are looked at only where the
 // run came to little, as that takes a second.
 [[nodiscard]] diagnosis::Verdict judgeRun(const RunRecord& record, const slam::Slam& slam,
-                                          const slam::MarkerOptions& markers,
+                                          const slam::Options& options,
                                           const std::string& dictionary,
                                           const diagnosis::ImageSamples& samples);
 

@@ -25,7 +25,8 @@ std::string mapText(const slam::Slam& slam, const slam::Map& main_piece, const R
       setup.old_map ? setup.old_map->file.field : std::nullopt;
   std::vector<const slam::Map*> others = slam.pieces();
   std::erase(others, &main_piece);
-  return io::formatMap(main_piece, slam.camera().calibration(), slam.readout_s(), field, others);
+  const slam::Calibration camera = slam.lens().calibrationOf(slam.camera());
+  return io::formatMap(main_piece, camera, slam.readout_s(), field, others);
 }
 
 // The piece of the map that files of one world are of: the one with an anchor, or else the one with

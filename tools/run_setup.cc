@@ -20,11 +20,12 @@ namespace {
 Result<std::optional<io::OldMap>> oldMap(const RunArguments& arguments,
                                          const io::SlamSettings& settings,
                                          const std::optional<capture::RecordedFile>& recorded,
-                                         const slam::Calibration& camera) {
+                                         const OpenedInput& opened) {
   if (arguments.map_in.empty() && !recorded) return std::optional<io::OldMap>();
   const io::OldMapUse use{.dictionary = settings.dictionary,
                           .markers = settings.options.markers,
-                          .camera = camera,
+                          .camera = opened.fitted.calibration,
+                          .lens_given = opened.lens_given,
                           .localize_only = settings.map.localize_only};
   Result<io::OldMap> old = arguments.map_in.empty()
                                ? io::parseOldMap(recorded->content, recorded->name, use)
@@ -153,12 +154,15 @@ Result<RunSetup> prepareRun(const RunArguments& arguments) {
                                              .fov_deg = settings->fov_deg},
                                             *calibration);
   if (!opened) return opened.error();
-  const slam::FittedCalibration& fitted = opened->fitted;
   const Status lens = takeLens(*opened, settings->fov_deg, &settings->options);
   if (!lens) return lens.error();
-  Result<std::optional<io::OldMap>> old_map =
-      oldMap(arguments, *settings, recorded->map, fitted.calibration);
+  Result<std::optional<io::OldMap>> old_map = oldMap(arguments, *settings, recorded->map, *opened);
   if (!old_map) return old_map.error();
+  slam::Calibration camera = opened->fitted.calibration;
+  if (*old_map && (*old_map)->lens) {
+    camera = *(*old_map)->lens;
+    settings->options.lens.given = opened->lens_given || !settings->map.localize_only;
+  }
   Result<std::optional<io::OutputDirectory>> detections = openDetections(arguments.save_detections);
   if (!detections) return detections.error();
   std::optional<io::OutputDirectory> output;
@@ -168,16 +172,11 @@ Result<RunSetup> prepareRun(const RunArguments& arguments) {
     output.emplace(std::move(directory).value());
     output->keepEarlierIn("previous", isTrajectory);
   }
-  RunSetup setup{slam::CameraModel(fitted.calibration),
-                 *slam::Dictionary::byName(settings->dictionary),
-                 settings->options,
-                 std::move(opened->input),
-                 fitted.change,
-                 calibrationName(arguments),
-                 std::move(output),
-                 std::move(detections).value(),
-                 std::move(old_map).value(),
-                 nullptr};
+  RunSetup setup{slam::CameraModel(camera),  *slam::Dictionary::byName(settings->dictionary),
+                 settings->options,          std::move(opened->input),
+                 opened->fitted.change,      calibrationName(arguments),
+                 std::move(output),          std::move(detections).value(),
+                 std::move(old_map).value(), nullptr};
   setup.options.mapping = !settings->map.localize_only;
   if (setup.input->unorderedImages()) setup.options.treatAsUnorderedImages();
   if (setup.old_map) io::agreeOnReadout(&*setup.old_map, &setup.options);

@@ -113,7 +113,8 @@ std::unique_ptr<slam::Slam> makeSlam(const io::SlamSettings& settings,
                                       std::move(map), std::move(others));
 }
 
-std::string mapText(const slam::Slam& slam, const slam::Calibration& camera) {
+std::string mapText(const slam::Slam& slam) {
+  const slam::Calibration camera = slam.lens().calibrationOf(slam.camera());
   const std::vector<const slam::Map*> pieces = slam.pieces();
   return io::formatMap(*pieces.front(), camera, slam.readout_s(), {}, std::span(pieces).subspan(1));
 }
@@ -137,11 +138,17 @@ Result<StartMap> readOtherMap(const fs::path& file, const io::SlamSettings& sett
                               const slam::Calibration& camera) {
   StartMap start;
   start.options = settings.options;
+  const bool localize_only = settings.map.localize_only;
+  // One that is in use, and known, is as good as given.
+  const bool lens_given = settings.options.lens.given || camera.covariance.has_value();
   Result<io::OldMap> old = io::readOldMap(file, {.dictionary = settings.dictionary,
                                                  .markers = settings.options.markers,
                                                  .camera = camera,
-                                                 .localize_only = settings.map.localize_only});
+                                                 .lens_given = lens_given,
+                                                 .localize_only = localize_only});
   if (!old) return old.error();
+  start.lens = std::move(old->lens);
+  if (start.lens && !localize_only) start.options.lens.given = true;
   io::agreeOnReadout(&*old, &start.options);
   start.warnings = std::move(old->warnings);
   start.notes.push_back(file.string() + ": going on with " + contents(old->file));
@@ -151,10 +158,9 @@ Result<StartMap> readOtherMap(const fs::path& file, const io::SlamSettings& sett
   return start;
 }
 
-Result<std::string> writeMap(const io::SlamSettings& settings, const slam::Slam& slam,
-                             const slam::Calibration& camera) {
+Result<std::string> writeMap(const io::SlamSettings& settings, const slam::Slam& slam) {
   const fs::path& file = settings.map.out;
-  const std::string text = mapText(slam, camera);
+  const std::string text = mapText(slam);
   const Result<std::string> before = io::readTextFile(file, io::kMaxMapBytes);
   const std::string what = contents(slam.pieces());
   if (before && *before == text) return file.string() + ": is as it was, " + what;
@@ -171,7 +177,7 @@ Result<std::string> saveMap(const io::SlamSettings& settings, slam::Slam& slam) 
   if (file.empty()) return std::string();
   if (slam.map().empty()) return file.string() + ": there is no map to save";
   slam::makeFinalMap({}, {}, &slam);
-  return writeMap(settings, slam, slam.camera().calibration());
+  return writeMap(settings, slam);
 }
 
 }  // namespace waymark::daemon

@@ -3,6 +3,7 @@
 
 #include <filesystem>
 #include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -22,6 +23,8 @@ struct StartMap {
   std::vector<std::string> notes;     // likewise: what came from where
   std::string not_writable;           // why slam.map_out is not, for now; usually empty
   slam::Options options;              // with what the map knows of the camera
+  // The lens to begin with, where it is the map's and not the one that was asked for.
+  std::optional<slam::Calibration> lens;
 };
 
 // A SLAM that begins with a map, in pieces or not.
@@ -31,7 +34,7 @@ struct StartMap {
                                                    std::vector<slam::Map> others = {});
 
 // The map as text, all pieces of it.
-[[nodiscard]] std::string mapText(const slam::Slam& slam, const slam::Calibration& camera);
+[[nodiscard]] std::string mapText(const slam::Slam& slam);
 
 // The map before the one in a file, kept by saving.
 [[nodiscard]] std::filesystem::path previousOf(const std::filesystem::path& map_file);
@@ -55,8 +58,8 @@ struct StartMap {
 // Writes the map to slam.map_out, if it has changed. The map that was there is kept as
 // previousOf(); after a power cut at any time, one of the two is whole. Returns what became of it,
 // for the log.
-[[nodiscard]] Result<std::string> writeMap(const io::SlamSettings& settings, const slam::Slam& slam,
-                                           const slam::Calibration& camera);
+[[nodiscard]] Result<std::string> writeMap(const io::SlamSettings& settings,
+                                           const slam::Slam& slam);
 
 // Optimizes the whole map and writes it. Without a map nothing is written. Returns what became of
 // it; empty without a map_out.

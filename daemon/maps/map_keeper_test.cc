@@ -77,6 +77,24 @@ TEST_F(MapKeeper, LearnsFromStartToStart) {
   });
 }
 
+// The second start of a daemon that has no calibration.
+TEST_F(MapKeeper, GoesOnWithTheLensItHasLearned) {
+  settings_.map.in = settings_.map.out = file_;
+  slam::Calibration learned = camera_;
+  learned.covariance = 1e-2 * slam::IntrinsicMatrix::Identity();
+  camera_ = learned;
+  run({}, [&](slam::Slam& slam) { (void)saved(slam); });
+  slam::Calibration guess = slam::testing::testCalibration();
+  guess.fx = guess.fy = 0.6 * guess.fx;
+  settings_.options.lens.takeForGuess(/*fov_said=*/false);
+  const Result<StartMap> start = readStartMap(settings_, guess);
+  ASSERT_TRUE(start) << start.error().message;
+  ASSERT_TRUE(start->lens);
+  EXPECT_EQ(start->lens->fx, learned.fx);
+  EXPECT_TRUE(start->lens->covariance);
+  EXPECT_TRUE(start->options.lens.given);
+}
+
 TEST_F(MapKeeper, LocalizesAndChangesNothing) {
   settings_.map.out = file_;
   run({}, [&](slam::Slam& slam) { (void)saved(slam); });
@@ -126,7 +144,7 @@ TEST_F(MapKeeper, KeepsAMapInPieces) {
       makeSlam(settings_, camera_, settings_.options, start->map, std::move(start->others));
   EXPECT_EQ(walk(*second, there, 0), 1);
   EXPECT_EQ(walk(*second, here, 10), 0);
-  EXPECT_TRUE(mapText(*second, camera_) == start->text) << "bit for bit";
+  EXPECT_TRUE(mapText(*second) == start->text) << "bit for bit";
 }
 
 TEST_F(MapKeeper, WithoutAMapTheOldFileStays) {
@@ -207,7 +225,7 @@ TEST_F(MapKeeper, AMapThatIsAsItWasIsNotWrittenAgain) {
   settings_.map.out = file_;
   run({}, [&](slam::Slam& slam) {
     (void)saved(slam);
-    EXPECT_TRUE(writeMap(settings_, slam, camera_)->find("is as it was") != std::string::npos);
+    EXPECT_TRUE(writeMap(settings_, slam)->find("is as it was") != std::string::npos);
   });
   EXPECT_FALSE(std::filesystem::exists(previousOf(file_)));
 }

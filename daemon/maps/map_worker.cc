@@ -152,7 +152,7 @@ Result<std::string> MapWorker::saveNow() {
     const std::int64_t begin_ns = monotonicNs();
     for (const slam::Map* const piece : slam->pieces()) pieces.push_back(*piece);
     copying_ns = monotonicNs() - begin_ns;
-    camera = slam->camera().calibration();
+    camera = slam->lens().calibrationOf(slam->camera());
     readout_s = slam->readout_s();
     revision = output_.map_revision.load(std::memory_order_relaxed);
   });
@@ -174,7 +174,7 @@ Result<std::string> MapWorker::saveCopy(std::vector<slam::Map> pieces, double re
   const auto slam = makeSlam(settings_, camera, options, std::move(first), std::move(pieces));
   slam::makeFinalMap({}, {}, slam.get());
   noteContradictions(*slam);
-  return writeMap(settings_, *slam, slam->camera().calibration());
+  return writeMap(settings_, *slam);
 }
 
 void MapWorker::noteContradictions(const slam::Slam& slam) {
@@ -236,7 +236,8 @@ Result<std::string> MapWorker::resetNow() {
 Result<std::string> MapWorker::goOnWith(StartMap start) {
   const std::optional<slam::Calibration> camera = cameraInUse();
   if (!camera) return kStopping;
-  auto slam = makeSlam(settings_, *camera, withLens(start.options, *camera), std::move(start.map),
+  const slam::Calibration& lens = start.lens ? *start.lens : *camera;
+  auto slam = makeSlam(settings_, lens, withLens(start.options, lens), std::move(start.map),
                        std::move(start.others));
   if (!slam_requests_.run([&](std::unique_ptr<slam::Slam>& running) { running.swap(slam); })) {
     return kStopping;
@@ -252,7 +253,7 @@ Result<std::string> MapWorker::goOnWith(StartMap start) {
 std::string MapWorker::keepReplaced(const slam::Slam& before) {
   if (settings_.map.out.empty() || settings_.map.localize_only || before.map().empty()) return "";
   const fs::path file = replacedOf(settings_.map.out);
-  const Status written = io::writeTextFile(file, mapText(before, before.camera().calibration()));
+  const Status written = io::writeTextFile(file, mapText(before));
   if (written) return "; the one before is in " + file.string();
   log_.warning("the map before is not kept: " + written.error().message);
   save_failures_.fetch_add(1, std::memory_order_relaxed);

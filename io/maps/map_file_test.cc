@@ -210,6 +210,17 @@ TEST(MapFile, SavingWhatWasLoadedGivesTheSameBytes) {
   EXPECT_EQ(formatMap(file->map, file->camera), text);
 }
 
+TEST(MapFile, HowWellTheLensIsKnown) {
+  slam::Calibration learned = kCamera;
+  learned.covariance = slam::IntrinsicMatrix::Constant(1e-5 / 3.0);
+  learned.covariance->diagonal().setLinSpaced(1e-4, 3e-4);
+  const std::string text = formatMap(sampleMap(), learned);
+  const Result<MapFile> file = parseMap(text, "m.json");
+  ASSERT_TRUE(file) << file.error().message;
+  EXPECT_EQ(file->camera, learned);
+  EXPECT_EQ(formatMap(file->map, file->camera), text);
+}
+
 // What a rolling shutter does to the corners is done again when the map is read.
 TEST(MapFile, RollingShutter) {
   slam::Map map = sampleMap();
@@ -398,6 +409,8 @@ TEST(MapFile, FaultsNameFilePlaceAndReason) {
       {[](auto& j) { j["camera"] = nullptr; }, "m.json: camera: must be there: keyframes are"},
       {[](auto& j) { j["camera"]["distortion_model"] = "odd"; }, "camera.distortion_model: must"},
       {[](auto& j) { j["camera"]["readout_s"] = -2; }, "camera.readout_s: must be -1 to 1"},
+      {[](auto& j) { j["camera"]["intrinsics_covariance"] = std::vector<double>(45, -1.0); },
+       "camera.intrinsics_covariance: must not have a negative variance"},
       {[](auto& j) { j["keyframes"][0]["twist"].erase(0); }, "keyframes[0].twist: must be a list"},
       {[](auto& j) { j["camera"]["distortion"].erase(7); }, "camera.distortion: must be a list"},
       {[](auto& j) { j.erase("markers"); }, "m.json: markers: is missing"},

@@ -12,6 +12,7 @@ namespace waymark::io::map_keys {
 
 inline constexpr std::string_view kFormat = "waymark-map";
 inline constexpr int kVersion = 1;
+inline constexpr const char* kIntrinsicsCovariance = "intrinsics_covariance";
 inline constexpr const char* kGivenKeyframes = "covariance_given_keyframes";
 inline constexpr std::array<std::pair<std::string_view, slam::MarkerState>, 5> kStates = {{
     {"unresolved", slam::MarkerState::kUnresolved},

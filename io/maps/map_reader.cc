@@ -29,6 +29,21 @@ using slam::MarkerState;
 // There are more keyframes after the last of them.
 constexpr std::int64_t kLargestIndex = std::int64_t{1} << 62U;
 
+// The upper triangle, row by row.
+template <int size>
+Eigen::Matrix<double, size, size> readUpperTriangle(const JsonNode& node) {
+  const std::vector<double> upper = node.numbers(std::size_t{size * (size + 1) / 2});
+  Eigen::Matrix<double, size, size> symmetric;
+  std::size_t i = 0;
+  for (Eigen::Index row = 0; row < size; ++row) {
+    for (Eigen::Index column = row; column < size; ++column) {
+      symmetric(row, column) = symmetric(column, row) = upper[i++];
+    }
+    if (symmetric(row, row) < 0.0) node.fail("must not have a negative variance");
+  }
+  return symmetric;
+}
+
 slam::Calibration readCamera(const JsonNode& node) {
   constexpr int kLargestImage = 1'000'000;
   slam::Calibration c;
@@ -46,6 +61,9 @@ slam::Calibration readCamera(const JsonNode& node) {
   }
   const std::vector<double> distortion = node.at("distortion").numbers(c.distortion.size());
   std::copy(distortion.begin(), distortion.end(), c.distortion.begin());
+  if (node.has(map_keys::kIntrinsicsCovariance)) {
+    c.covariance = readUpperTriangle<9>(node.at(map_keys::kIntrinsicsCovariance));
+  }
   if (const std::string reason = c.invalidReason(); node.good() && !reason.empty()) {
     node.fail(reason);
   }
@@ -77,23 +95,15 @@ MarkerState readState(const JsonNode& node) {
 constexpr double kLargestVariance = 1e12;  // square metres, square radians
 constexpr double kMaxRate_hz = 1e4;        // metres and radians per second
 
-void checkWithin(double limit, const std::vector<double>& values, const JsonNode& node) {
+void checkWithin(double limit, std::span<const double> values, const JsonNode& node) {
   for (const double value : values) {
     if (node.good() && std::abs(value) > limit) node.fail("must not exceed " + roundTrip(limit));
   }
 }
 
 slam::Matrix6d readCovariance(const JsonNode& node) {
-  const std::vector<double> upper = node.numbers(21);
-  checkWithin(kLargestVariance, upper, node);
-  slam::Matrix6d covariance;
-  std::size_t i = 0;
-  for (Eigen::Index row = 0; row < 6; ++row) {
-    for (Eigen::Index column = row; column < 6; ++column) {
-      covariance(row, column) = covariance(column, row) = upper[i++];
-    }
-    if (covariance(row, row) < 0.0) node.fail("must not have a negative variance");
-  }
+  const slam::Matrix6d covariance = readUpperTriangle<6>(node);
+  checkWithin(kLargestVariance, {covariance.data(), 36}, node);
   return covariance;
 }
 

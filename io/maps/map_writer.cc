@@ -30,25 +30,28 @@ Json listOfFour(const std::array<T, 4>& corners) {
 }
 
 // The upper triangle, row by row.
-Json covarianceJson(const slam::Matrix6d& symmetric) {
+template <int size>
+Json covarianceJson(const Eigen::Matrix<double, size, size>& symmetric) {
   Json list = Json::array();
-  for (Eigen::Index row = 0; row < 6; ++row) {
-    for (Eigen::Index column = row; column < 6; ++column) list.push_back(symmetric(row, column));
+  for (Eigen::Index row = 0; row < size; ++row) {
+    for (Eigen::Index column = row; column < size; ++column) list.push_back(symmetric(row, column));
   }
   return list;
 }
 
 Json cameraJson(const slam::Calibration& c, double readout_s) {
   const bool fisheye = c.model == slam::DistortionModel::kEquidistant;
-  return {{"width", c.width},
-          {"height", c.height},
-          {"fx", c.fx},
-          {"fy", c.fy},
-          {"cx", c.cx},
-          {"cy", c.cy},
-          {"distortion_model", fisheye ? "equidistant" : "rational_polynomial"},
-          {"distortion", c.distortion},
-          {"readout_s", readout_s}};
+  Json json = {{"width", c.width},
+               {"height", c.height},
+               {"fx", c.fx},
+               {"fy", c.fy},
+               {"cx", c.cx},
+               {"cy", c.cy},
+               {"distortion_model", fisheye ? "equidistant" : "rational_polynomial"},
+               {"distortion", c.distortion},
+               {"readout_s", readout_s}};
+  if (c.covariance) json[map_keys::kIntrinsicsCovariance] = covarianceJson(*c.covariance);
+  return json;
 }
 
 Json fieldJson(const FieldSize& field) {

@@ -6,6 +6,7 @@
 
 #include "io/text/number_text.h"
 #include "io/text/text_file.h"
+#include "slam/camera/lens_knowledge.h"
 #include "slam/camera/undistort_map.h"
 
 namespace waymark::io {
@@ -13,6 +14,7 @@ namespace {
 
 // Two calibrations of one camera differ by a few pixels at the edge; another lens, by far more.
 constexpr double kMaxDifferencePerWidth = 0.01;
+constexpr double kRounding_px = 1e-6;
 
 Status checkMarkers(const slam::Map& map, const OldMapUse& use) {
   if (map.dictionary != use.dictionary) {
@@ -29,6 +31,29 @@ Status checkMarkers(const slam::Map& map, const OldMapUse& use) {
                  roundTrip(marker.size_m) + " m there, but " + roundTrip(wanted_m) + " m here"};
   }
   return success();
+}
+
+bool sameSize(const slam::Calibration& a, const slam::Calibration& b) {
+  return a.width == b.width && a.height == b.height;
+}
+
+// What was given allows for the lens that the map has measured, and knows less of it.
+bool knowsLensBetter(const slam::Calibration& of_map, const slam::Calibration& given) {
+  if (!of_map.covariance || !sameSize(of_map, given)) return false;
+  if (given.covariance && !((*of_map.covariance)(0, 0) < (*given.covariance)(0, 0))) return false;
+  return !slam::LensPrior{}.isContradicted(slam::CameraModel(given), slam::CameraModel(of_map));
+}
+
+// Empty where the camera that is there holds. Who only localizes may have another camera than the
+// one that the map was made with.
+std::optional<slam::Calibration> lensOf(const MapFile& map, const OldMapUse& use) {
+  if (!map.camera || !sameSize(*map.camera, use.camera)) return std::nullopt;
+  if (use.lens_given) {
+    const bool better = !use.localize_only && knowsLensBetter(*map.camera, use.camera);
+    return better ? map.camera : std::nullopt;
+  }
+  return use.localize_only ? asUnmeasured(slam::CameraModel(*map.camera)).calibration()
+                           : *map.camera;
 }
 
 bool sameCamera(const slam::Calibration& a, const slam::Calibration& b) {
@@ -77,7 +102,6 @@ Result<std::optional<std::string>> changeCamera(const slam::Calibration& camera,
   if (!sameCamera(*before, camera)) {
     return Error{"camera: is another one, or badly calibrated: " + apart};
   }
-  constexpr double kRounding_px = 1e-6;
   if (*difference_px < kRounding_px) return none;
   undistortAgain(slam::CameraModel(camera), map);
   return std::optional("camera: was calibrated differently, " + apart +
@@ -100,12 +124,23 @@ Result<OldMap> parseOldMap(std::string text, const std::filesystem::path& path,
   if (const Status fits = checkMarkers(old.file.map, use); !fits) {
     return Error{name + fits.error().message};
   }
-  if (old.file.readout_s != 0.0 && sameCamera(*old.file.camera, use.camera)) {
+  old.lens = lensOf(old.file, use);
+  const slam::Calibration& camera = old.lens ? *old.lens : use.camera;
+  if (old.file.readout_s != 0.0 && sameCamera(*old.file.camera, camera)) {
     old.readout_s = old.file.readout_s;
   }
   if (use.localize_only) {
     if (!old.file.map.empty()) return old;
     return Error{name + "markers: none has a pose, so there is nothing to localize in"};
+  }
+  if (old.lens) {
+    if (const auto apart_px = largestLensDifference_px(*old.lens, use.camera);
+        use.lens_given && apart_px && *apart_px > kRounding_px) {
+      old.warnings.push_back(name +
+                             "camera: going on with the lens as the map has learned it, up to " +
+                             fixed(*apart_px, 2) + " px from the calibration that was given");
+    }
+    return old;
   }
   const auto changed = changeCamera(use.camera, &old.file);
   if (!changed) return Error{name + changed.error().message};

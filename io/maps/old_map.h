@@ -18,6 +18,7 @@ struct OldMapUse {
   std::string dictionary;
   slam::MarkerOptions markers;
   slam::Calibration camera;
+  bool lens_given = true;  // by somebody; else `camera` is a guess
   // The map will only be localized in: any camera will do.
   bool localize_only = false;
 };
@@ -28,12 +29,17 @@ struct OldMap {
   std::vector<std::string> warnings;  // each names the file
   // Of the camera's rolling shutter, seconds, where the map knows it and its camera is this one.
   std::optional<double> readout_s;
+  // The map's lens, where it is to be in use instead of OldMapUse::camera: nobody has given one; or
+  // what was given allows for it, and the map knows it better. Without a covariance it is the guess
+  // to begin with.
+  std::optional<slam::Calibration> lens;
 };
 
 // Another dictionary, another size of a marker, nothing to localize in where that is all that is
 // wanted and, where the map is to grow, another camera are errors. A camera that was only
 // calibrated again (same image size and model, nowhere more than 1 % of the image's width apart) is
-// a warning: the map's corners are then undistorted anew.
+// a warning: the map's corners are then undistorted anew. So is a calibration that the map has
+// found to be another one (OldMap::lens).
 [[nodiscard]] Result<OldMap> readOldMap(const std::filesystem::path& path, const OldMapUse& use);
 // The same from text; `path` is for messages.
 [[nodiscard]] Result<OldMap> parseOldMap(std::string text, const std::filesystem::path& path,

@@ -93,6 +93,49 @@ TEST_F(OldMapFile, OfAnotherCamera) {
   expectError(read(), "camera: has another image size or lens model");
 }
 
+// Nobody has given a lens, as nobody had when the map was made: it goes on with its own.
+TEST_F(OldMapFile, WithoutACalibration) {
+  slam::Calibration learned = kCamera;
+  learned.covariance = 1e-2 * slam::IntrinsicMatrix::Identity();
+  use_.camera.fx = use_.camera.fy = 0.6 * kCamera.fx;  // a guess
+  use_.lens_given = false;
+  Result<OldMap> old = read(learned);
+  ASSERT_TRUE(old) << old.error().message;
+  EXPECT_EQ(old->lens, learned);
+  EXPECT_TRUE(old->warnings.empty());
+  use_.localize_only = true;
+  old = read(learned);
+  ASSERT_TRUE(old);
+  EXPECT_EQ(old->lens, kCamera) << "perhaps another camera's: nothing is known of it for sure";
+  use_.localize_only = false;
+  use_.camera.width = 1280;
+  expectError(read(learned), "camera: has another image size or lens model");
+}
+
+// The calibration was 2 % off, which the map has found out: a start with it is none with another
+// camera.
+TEST_F(OldMapFile, ThatHasLearnedALens) {
+  slam::Calibration learned = kCamera;
+  learned.covariance = 1e-2 * slam::IntrinsicMatrix::Identity();
+  use_.camera.fx *= 1.02;
+  use_.camera.fy *= 1.02;
+  EXPECT_NE(errorOf(read()).find("camera: is another one"), std::string::npos) << errorOf(read());
+  Result<OldMap> old = read(learned);
+  ASSERT_TRUE(old) << old.error().message;
+  EXPECT_EQ(old->lens, learned);
+  ASSERT_EQ(old->warnings.size(), 1U);
+  EXPECT_NE(
+      old->warnings[0].find("camera: going on with the lens as the map has learned it, up to "),
+      std::string::npos)
+      << old->warnings[0];
+  use_.camera.covariance = 1e-3 * slam::IntrinsicMatrix::Identity();  // measured, and better
+  EXPECT_FALSE(read(learned)) << "another camera";
+  use_.camera = kCamera;
+  use_.camera.covariance = 1e-3 * slam::IntrinsicMatrix::Identity();
+  ASSERT_TRUE(read(learned));
+  EXPECT_FALSE(read(learned)->lens) << "what was given is known better";
+}
+
 TEST_F(OldMapFile, TakenWithARollingShutter) {
   for (const double readout_s : {0.02, -0.015}) {  // the second one turned upside down
     ASSERT_TRUE(writeTextFile(directory_ / "map.json", formatMap(map_, kCamera, readout_s)));

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <numeric>
 #include <utility>
 #include <vector>
 
@@ -43,19 +44,22 @@ void holdLens(const LensProblem& lens, BundleProblem* problem) {
   problem->lens->covariance.setZero();
 }
 
+void holdAnother(const CameraModel& other, const LensProblem& lens, BundleProblem* problem) {
+  problem->lens = {other, lens.in_use, other.intrinsics(), IntrinsicMatrix::Zero()};
+}
+
 // As seen from the first camera.
 void freeMarkers(BundleProblem* problem) {
   for (BundleProblem::Pose& marker : problem->markers) marker.fixed = false;
   problem->cameras.front().fixed = true;
 }
 
-// Root mean square of the corners' distances from where they were seen, a shutter's skew taken off,
-// pixels.
-double rmsPx(const BundleProblem& problem) {
+// Squared distances of the corners from where they were seen, a shutter's skew taken off, pixels.
+std::vector<double> squaredErrors(const BundleProblem& problem) {
   const double longer_s =
       problem.shutter ? problem.shutter->readout_s - problem.shutter->corrected_with_s : 0.0;
-  double sum = 0.0;
-  std::size_t corners = 0;
+  std::vector<double> squared;
+  squared.reserve(4 * problem.observations.size());
   for (std::size_t o = 0; o < problem.observations.size(); ++o) {
     const auto& observation = problem.observations[o];
     const auto m = static_cast<std::size_t>(observation.marker);
@@ -67,13 +71,26 @@ double rmsPx(const BundleProblem& problem) {
       const Eigen::Vector3d p = T_c_m * points[k];
       Eigen::Vector2d seen = observation.detection->normalized[k];
       if (problem.shutter) seen -= longer_s * problem.shutter->motion[o][k];
-      sum += (problem.lens->camera.distort(p.head<2>() / p.z()) -
-              problem.lens->seen_with.distort(seen))
-                 .squaredNorm();
-      ++corners;
+      squared.push_back((problem.lens->camera.distort(p.head<2>() / p.z()) -
+                         problem.lens->seen_with.distort(seen))
+                            .squaredNorm());
     }
   }
-  return corners > 0 ? std::sqrt(sum / static_cast<double>(corners)) : 0.0;
+  return squared;
+}
+
+double rmsPx(const BundleProblem& problem) {
+  const std::vector<double> squared = squaredErrors(problem);
+  const double sum = std::accumulate(squared.begin(), squared.end(), 0.0);
+  return squared.empty() ? 0.0 : std::sqrt(sum / static_cast<double>(squared.size()));
+}
+
+double medianPx(const BundleProblem& problem) {
+  std::vector<double> squared = squaredErrors(problem);
+  if (squared.empty()) return 0.0;
+  const auto middle = squared.begin() + static_cast<std::ptrdiff_t>(squared.size() / 2);
+  std::ranges::nth_element(squared, middle);
+  return std::sqrt(*middle);
 }
 
 // How well a lens explains the corners, in units of the noise; more than any where it does not see
@@ -239,6 +256,26 @@ Task<std::optional<LensEstimate>> estimateLens(const Map& map, const MarkerOptio
                                         .rms_after_px = after_px,
                                         .chi2_beyond_bend = chi2_beyond_bend});
   co_return estimate;
+}
+
+Task<std::optional<LensComparison>> compareLens(const CameraModel& other, const Map& map,
+                                                const MarkerOptions& markers, LensProblem lens,
+                                                BundleOptions options, Budget* budget) {
+  Subproblem part = co_await buildSubproblem(map, wholeMap(map), markers, budget);
+  if (!lens.readout_known) freeReadout(map, lens.readout_s, lens.in_use, &part);
+  holdAnother(lens.in_use, lens, &part.problem);
+  const std::optional<Settled> in_use = co_await settle(part.problem, options, budget);
+  holdAnother(other, lens, &part.problem);
+  std::optional<Settled> through = co_await settle(std::move(part.problem), options, budget);
+  if (!in_use || !through) co_return std::nullopt;
+  const BundleProblem& as_is = in_use->adjuster.problem();
+  const BundleProblem& as_other = through->adjuster.problem();
+  std::optional<LensComparison> comparison({.rms_in_use_px = rmsPx(as_is),
+                                            .rms_px = rmsPx(as_other),
+                                            .median_in_use_px = medianPx(as_is),
+                                            .median_px = medianPx(as_other)});
+  comparison->correction = co_await correctionOf(part, through->adjuster, budget);
+  co_return comparison;
 }
 
 double lensChange(const LensEstimate& estimate, const CameraModel& in_use) {

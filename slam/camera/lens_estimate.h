@@ -62,6 +62,23 @@ Task<std::optional<LensEstimate>> estimateLens(const Map& map, const MarkerOptio
                                                LensProblem lens, BundleOptions options,
                                                Budget* budget);
 
+// All of the map through another lens, which is held, and how well it fits beside the one in use:
+// both with the map as it is best through them.
+struct LensComparison {
+  MapCorrection correction;  // to the map through that lens
+  double rms_in_use_px = 0.0;
+  double rms_px = 0.0;
+  // Of the corners' distances from where they were seen, pixels: what a few views of something else
+  // do not decide.
+  double median_in_use_px = 0.0;
+  double median_px = 0.0;
+};
+
+// As estimateLens(). Of LensProblem it needs the lens in use and the readout time.
+Task<std::optional<LensComparison>> compareLens(const CameraModel& other, const Map& map,
+                                                const MarkerOptions& markers, LensProblem lens,
+                                                BundleOptions options, Budget* budget);
+
 // How much an estimate differs from the lens in use: chi-square of the intrinsics; infinite where
 // the models differ.
 [[nodiscard]] double lensChange(const LensEstimate& estimate, const CameraModel& in_use);

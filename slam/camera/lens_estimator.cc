@@ -94,11 +94,37 @@ bool LensEstimator::estimateNow(const RollingShutterEstimator& shutter,
   // Of several lenses the newest frames' alone would be asked for.
   if (!options_.learn || map->keyframes().empty() || knowledge_->changedUnderWay()) return false;
   LensProblem problem = problemOf(shutter);
+  if (goBackToGiven(problem, optimization, map)) return true;
   problem.max_keyframes = std::numeric_limits<int>::max();
   const auto found = runToCompletion(
       [&](Budget* budget) { return estimateLens(*map, markers_, problem, optimization, budget); });
   if (!found || !believes(*found, *map)) return false;
   (void)adopt(*found, shutter.seconds(), map);
+  return true;
+}
+
+// What a part of the map, or a map that was still bent, has said against a calibration holds only
+// if the whole map says it, too.
+bool LensEstimator::goBackToGiven(const LensProblem& problem, const BundleOptions& optimization,
+                                  Map* map) {
+  if (!options_.given || knowledge_->state == LensState::kGiven || knowledge_->refines_given) {
+    return false;
+  }
+  const CameraModel given = knowledge_->given;
+  if (!seesAllOf(given, *map)) return false;
+  const auto compared = runToCompletion([&](Budget* budget) {
+    return compareLens(given, *map, markers_, problem, optimization, budget);
+  });
+  if (!compared || compared->correction.keyframes.empty()) return false;
+  if (compared->median_in_use_px < options_.material_rms * compared->median_px) {
+    knowledge_->rms_given_px = compared->rms_px;
+    knowledge_->rms_after_px = compared->rms_in_use_px;
+    return false;
+  }
+  *camera_ = given;
+  knowledge_->takeBack();
+  (void)applyAround(compared->correction.keyframes.back().id, compared->correction, map);
+  undistortAgain(given, problem.readout_s, map, knowledge_->since_ns);
   return true;
 }
 

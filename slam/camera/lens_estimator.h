@@ -61,6 +61,8 @@ class LensEstimator {
   }
   [[nodiscard]] LensProblem problemOf(const RollingShutterEstimator& shutter) const;
   [[nodiscard]] bool believes(const LensEstimate& estimate, const Map& map) const;
+  [[nodiscard]] bool goBackToGiven(const LensProblem& problem, const BundleOptions& optimization,
+                                   Map* map);
   // Poses and corners of the map are as the estimate says.
   static std::optional<Transform> seeThrough(const LensEstimate& estimate, double readout_s,
                                              std::int64_t since_ns, Map* map);

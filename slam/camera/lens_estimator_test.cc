@@ -261,6 +261,33 @@ TEST_F(LensEstimatorTest, TheMapMeasuresAMeasuredLensBetter) {
   EXPECT_FALSE(knowledge_.refines_given);
 }
 
+// A part of the map spoke for another lens; all of it does not.
+TEST_F(LensEstimatorTest, WhatAllOfTheMapDoesNotConfirmIsTakenBack) {
+  see(truth_);
+  LensEstimator estimator = this->estimator();
+  const CameraModel other = shifted(truth_, 3e-4, 0.0, 0.0);
+  knowledge_.adopt(other, knowledge_.covariance, 0.1, 0.05, LensPrior{}, 0.002);
+  camera_ = other;
+  undistortAgain(camera_, 0.0, &map_);
+  EXPECT_TRUE(estimator.estimateNow(shutter_, kBundle, &map_)) << "another lens is in use now";
+  EXPECT_EQ(camera_.calibration(), truth_.calibration());
+  EXPECT_EQ(knowledge_.state, LensState::kGiven);
+  EXPECT_EQ(knowledge_.changes, 2);
+  const MarkerDetection& seen = map_.keyframes().at(3).detections.front();
+  EXPECT_EQ(seen.normalized[0], *truth_.undistort(seen.pixels[0]));
+}
+
+// What is told of both is of the same views.
+TEST_F(LensEstimatorTest, WhatAllOfTheMapConfirmsIsToldOfAllOfIt) {
+  see(shifted(truth_, -0.02, -0.05, 8.0));
+  LensEstimator estimator = this->estimator();
+  ASSERT_TRUE(estimator.estimateNow(shutter_, kBundle, &map_));
+  knowledge_.rms_given_px = 0.01;  // of other views
+  (void)estimator.estimateNow(shutter_, kBundle, &map_);
+  EXPECT_EQ(knowledge_.state, LensState::kLearned);
+  EXPECT_GT(knowledge_.rms_given_px, 3.0 * knowledge_.rms_after_px);
+}
+
 TEST_F(LensEstimatorTest, WhatACalibrationSaysOfItselfIsWhatIsKnownAtFirst) {
   const CameraModel lens = measured(truth_, 1e-3);
   const LensKnowledge known = LensKnowledge::of(lens, /*exact=*/false);

@@ -104,7 +104,7 @@ bool LensKnowledge::refines(const CameraModel& found, const LensPrior& prior) co
 void LensKnowledge::adopt(const CameraModel& found, const IntrinsicMatrix& its_covariance,
                           double before_px, double after_px, const LensPrior& prior,
                           double learned_focal_share) {
-  if (changes == 0) rms_given_px = before_px;
+  if (state == LensState::kGiven) rms_given_px = before_px;
   covariance = its_covariance;
   focal_px = found.calibration().fx;
   rms_before_px = before_px;
@@ -112,6 +112,12 @@ void LensKnowledge::adopt(const CameraModel& found, const IntrinsicMatrix& its_c
   ++changes;
   refines_given = refines(found, prior);
   state = focalShare() <= learned_focal_share ? LensState::kLearned : LensState::kLearning;
+}
+
+void LensKnowledge::takeBack() {
+  const int changes_so_far = changes;
+  *this = of(given, /*exact=*/false);
+  changes = changes_so_far + 1;
 }
 
 CameraModel asUnmeasured(const CameraModel& camera) {

@@ -102,6 +102,9 @@ struct LensKnowledge {
   // The caller puts it in use.
   void adopt(const CameraModel& found, const IntrinsicMatrix& its_covariance, double before_px,
              double after_px, const LensPrior& prior, double learned_focal_share);
+  // The one that was given fits as well after all; the caller puts it in use. Precondition: the
+  // lens has not changed under way.
+  void takeBack();
   // Standard deviation of the focal length in use, as a share of it.
   [[nodiscard]] double focalShare() const { return std::sqrt(covariance(0, 0)) / focal_px; }
 };

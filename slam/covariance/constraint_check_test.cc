@@ -150,6 +150,22 @@ TEST(ConstraintCheck, AContradictionIsOneLine) {
   EXPECT_TRUE(text.ends_with(" sigmas from distance 6/0 to 11/3")) << text;
 }
 
+// Three are as many as fix a map's place, so nothing else says which of them is the wrong one.
+TEST(ConstraintCheck, PositionsThatContradictEachOtherAreTold) {
+  WallRun run(8);
+  run.options.constraints = {};
+  for (const int id : {0, 6, 11}) {
+    run.options.constraints.positions.push_back(
+        {.id = id, .p_w = run.truth[at(id)].T_w_m.p, .sigma_m = 0.01});
+  }
+  run.options.constraints.positions[1].p_w.x() += 0.5;
+  run.optimize();
+  const auto found = contradictions({&run.map}, run.options);
+  ASSERT_FALSE(found.empty());
+  EXPECT_EQ(found[0].source.kind, Kind::kPosition);
+  EXPECT_GT(found[0].sigmas, 5.0);
+}
+
 TEST(ConstraintCheck, OfManyContradictionsTheFirstAreTold) {
   WallRun run(5);
   std::vector<ConstraintResidual> found(10, {.source = {.kind = Kind::kUpright}, .sigmas = 7.0});

@@ -127,8 +127,11 @@ void ConstraintInformation::addDistance(const MeasuredDistance& distance,
 void ConstraintInformation::leaveOut(double gate_sigmas) {
   std::vector<double> squared(sources_.size(), 0.0);
   for (const Tie& tie : ties_) squared[at(tie.source)] += tie.residual.squaredNorm();
+  left_out_by_.assign(sources_.size(), 0.0);
   for (Tie& tie : ties_) {
-    tie.left_out = !tie.counted && squared[at(tie.source)] > gate_sigmas * gate_sigmas;
+    const double off = squared[at(tie.source)];
+    tie.left_out = !tie.counted && off > gate_sigmas * gate_sigmas;
+    if (tie.left_out) left_out_by_[at(tie.source)] = std::sqrt(off);
   }
 }
 
@@ -207,7 +210,11 @@ std::vector<ConstraintResidual> ConstraintInformation::residuals(double variance
   }
   std::vector<ConstraintResidual> residuals;
   for (std::size_t i = 0; i < sources_.size(); ++i) {
-    if (squared[i] >= 0.0) residuals.push_back({sources_[i], std::sqrt(squared[i])});
+    if (squared[i] < 0.0) continue;
+    // Positions that contradict each other are all left out, and nothing is left to hold one
+    // against.
+    const double alone = left_out_by_.empty() ? 0.0 : left_out_by_[i];
+    residuals.push_back({sources_[i], std::max(std::sqrt(squared[i]), alone)});
   }
   return residuals;
 }

@@ -17,7 +17,8 @@ namespace waymark::slam {
 struct ConstraintResidual {
   ConstraintSource source;
   // Of the residual that it would have were it not there, in its standard deviations, of both
-  // sides. Zero where nothing else says.
+  // sides. Zero where nothing else says; but of what the map leaves out at least as far as it is
+  // from there in its own standard deviations.
   double sigmas = 0.0;
 };
 
@@ -93,6 +94,8 @@ class ConstraintInformation {
   std::vector<int> poses_;  // of the constrained markers
   std::vector<ConstraintSource> sources_;
   int first_source_ = 0;  // of those that are no anchors
+  // By source: how far it is from the map in its own sigmas, where that leaves it out; else 0.
+  std::vector<double> left_out_by_;
   std::vector<Frame> frames_;
   std::vector<Tie> ties_;
 };

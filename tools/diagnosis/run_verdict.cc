@@ -5,6 +5,7 @@
 #include <utility>
 
 #include "io/text/number_text.h"
+#include "tools/diagnosis/source_report.h"
 
 namespace waymark::diagnosis {
 namespace {
@@ -82,11 +83,16 @@ class Judge {
 
   // There are poses; how good can they be?
   void adviseOnPoses() {
+    if (f_.lens_open_share > 0.0) {
+      add("the lens is not learned yet, its focal length known to " +
+          fixed(100.0 * f_.lens_open_share, 2) + " %: " + kWhatTeachesALens);
+    }
     const double rejected = share(f_.rejected_markers, f_.markers_seen);
     if (f_.rms_px > (f_.own_corners ? limits_.large_rms_px : limits_.large_rms_of_others_px)) {
-      add("the reprojection error is " + fixed(f_.rms_px, 2) +
-          " px where 0.1 is usual: is the calibration this lens's, at this zoom and focus? "
-          "waymark calibrate makes one");
+      add("the reprojection error is " + fixed(f_.rms_px, 2) + " px where 0.1 is usual: " +
+          (f_.lens_given ? "is the calibration this lens's, at this zoom and focus? "
+                           "waymark calibrate makes one"
+                         : "the lens may be learned wrongly; waymark calibrate measures it"));
     } else if (rejected > limits_.many_rejected) {
       add(fixed(100.0 * rejected, 0) +
           " % of the markers seen contradict the others: the calibration, markers that were "

@@ -38,6 +38,9 @@ struct RunFacts {
   double rms_px = 0.0;  // of the poses; 0: none
   // False: the corners were found by somebody else, perhaps less well.
   bool own_corners = true;
+  bool lens_given = true;  // by a calibration; else it is learned
+  // Standard deviation of the focal length as a share of it, while the lens is not learned; else 0.
+  double lens_open_share = 0.0;
   std::uint64_t quads = 0;
   std::map<std::string, std::size_t> reasons{};  // why frames had no pose
   std::optional<ImageFacts> images{};            // empty: nobody looked, or there are none

@@ -107,6 +107,17 @@ TEST(RunVerdict, ALensThatDoesNotFit) {
   expectAdvice(facts, Grade::kDoubtful, "40 % of the markers seen contradict the others");
 }
 
+TEST(RunVerdict, ALensThatIsNotLearnedYet) {
+  RunFacts facts = goodRun();
+  facts.lens_given = false;
+  EXPECT_EQ(judge(facts).grade, Grade::kGood);
+  facts.lens_open_share = 0.0068;
+  expectAdvice(facts, Grade::kDoubtful,
+               "the lens is not learned yet, its focal length known to 0.68 %: come nearer");
+  facts.rms_px = 1.6;
+  expectAdvice(facts, Grade::kDoubtful, "the lens may be learned wrongly");
+}
+
 TEST(RunVerdict, SizesThatAreNotMetres) {
   RunFacts facts = goodRun();
   facts.marker_size_m = 50.0;
