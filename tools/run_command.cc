@@ -161,7 +161,7 @@ void tellOfLens(const RunArguments& arguments, bool lens_given, const slam::Slam
                            : file.empty() ? "the recording's own calibration"
                                           : file;
   const auto finding = diagnosis::lensFinding(name, lens, slam.camera().calibration().fx);
-  const bool all_is_well = !lens_given && finding.level == diagnosis::Level::kGood;
+  const bool all_is_well = !lens_given && finding.level == diagnosis::Finding::Level::kGood;
   if (!(all_is_well && arguments.quiet)) {
     std::fprintf(stderr, "waymark: %s\n", finding.text.c_str());
   }
