@@ -1,11 +1,13 @@
 // Steady tracking takes no memory from the heap: neither detection nor SLAM, with a counting
 // operator new.
+#include <cstdint>
 #include <random>
 #include <vector>
 
 #include <gtest/gtest.h>
 
 #include "slam/detection/search/marker_follower.h"
+#include "slam/natural/filter/testing_textured_wall.h"
 #include "slam/slam.h"
 #include "slam/testing/counting_new.h"
 #include "slam/testing/drawn_marker.h"
@@ -104,6 +106,50 @@ TEST_P(SteadyTracking, TakesNone) {
             }),
             0);
   EXPECT_EQ(slam.map().keyframes().size(), keyframes) << "not steady";
+}
+
+// The only marker has been out of view for half a second; features carry the pose.
+TEST(Allocation, BridgingTakesNone) {
+  constexpr double kRate_hz = 30.0;
+  constexpr double kMarker_m = 0.3;
+  constexpr int kWithMarker = 45;
+  constexpr int kSteady = 60;
+  constexpr int kFrames = 120;
+  std::mt19937 rng(1);
+  const CameraModel camera(testing::wideCalibration(320, 240));
+  testing::TexturedWall wall(3);
+  const testing::Dolly dolly{.speed_m_per_s = 0.4, .seed = 1};
+  const Transform T_w_m = testing::markerFacing({0.0, -0.005, 0.1}, {-0.6, -1.0, 0.1});
+  Options options;
+  options.markers.size_m = kMarker_m;
+  Slam slam(camera, *Dictionary::byName("4X4_50"), options);
+  std::vector<std::uint8_t> pixels;
+  int taken = 0;
+  int bridged = 0;
+  for (int k = 0; k < kFrames; ++k) {
+    const Transform T_w_c = dolly.at(k / kRate_hz);
+    wall.render(camera, T_w_c, 2.0, static_cast<unsigned>(k), &pixels);
+    std::vector<MarkerDetection> seen;
+    if (k < kWithMarker) {
+      const auto detection = testing::observe(camera, T_w_c, 7, T_w_m, kMarker_m, 0.06, &rng);
+      ASSERT_TRUE(detection);
+      seen = {*detection};
+    }
+    if (k == kSteady) slam.finish();
+    const ImageView image{pixels.data(), camera.width(), camera.height(), camera.width()};
+    FrameResult result;
+    const int count = allocationsOf([&] {
+      result = slam.process(
+          {.time = {static_cast<std::uint64_t>(k), static_cast<std::int64_t>(1e9 * k / kRate_hz)},
+           .image = image,
+           .detections = seen});
+    });
+    if (k < kSteady) continue;
+    taken += count;
+    bridged += result.pose && result.pose->source == PoseSource::kNaturalFeatures ? 1 : 0;
+  }
+  EXPECT_EQ(taken, 0);
+  EXPECT_EQ(bridged, kFrames - kSteady) << "not what was to be measured";
 }
 
 INSTANTIATE_TEST_SUITE_P(Modes, SteadyTracking, ::testing::Bool(),

@@ -128,33 +128,47 @@ def long_table:
              "\(.mean_ms | digits) / \(.p99_ms | digits) / \(.max_ms | digits)",
              (.resident_mb | digits), (.ate_mm | digits), (.ace_mm | digits), $version] end]);
 
+# What is missed where a value is more than it may be; without a limit nothing is.
+def above(value; $limit; $what):
+  if $limit == null then empty elif value == null then "\($what) not measured"
+  elif value > $limit then $what else empty end;
 def gap_missed($t):
-  [ (select($t.end_mm and .ends.from_marker_mm.worst > $t.end_mm) | "end"),
-    (select($t.end_deg and .ends.turn_from_marker_deg.worst > $t.end_deg) | "turn"),
-    (select($t.jump_mm and .ends.jump_mm.worst > $t.jump_mm) | "jump"),
-    (select($t.share_percent and .ends.share_percent.worst > $t.share_percent) | "share") ];
+  [ (select(.ends.gaps == 0) | "no gap"),
+    (select(.ends.lost > 0) | "\(.ends.lost) of \(.ends.gaps) gaps lost"),
+    above(.ends.from_marker_mm.worst; $t.end_mm; "end"),
+    above(.ends.turn_from_marker_deg.worst; $t.end_deg; "turn"),
+    above(.ends.jump_mm.worst; $t.jump_mm; "jump"),
+    above(.ends.share_percent.worst; $t.share_percent; "share"),
+    above(.beyond_3_sigma_position_longest_s; $t.beyond_s; "beyond 3 sigma"),
+    (select($t.first_way) | above(if .markers.mapped_first_way then .markers.all - .markers.mapped_first_way else null end;
+                                  0; "markers after the first way")),
+    (select($t.distance_mm) | above(.markers.all - .markers.mapped; 0; "markers")),
+    above(.distance_off_mm.worst; $t.distance_mm; "distance") ];
+def gap_target:
+  [ (.end_mm | select(.) | "end <= \(.) mm"), (.end_deg | select(.) | "end <= \(.) degrees"),
+    (.jump_mm | select(.) | "jump <= \(.) mm"), (.share_percent | select(.) | "end <= \(.) %"),
+    (.beyond_s | select(.) | "beyond 3 sigma <= \(.) s"),
+    (.first_way | select(.) | "all markers after the first way"),
+    (.distance_mm | select(.) | "farthest two <= \(.) mm") ] | join(", ");
+def three($times): $times | "\(.mean | digits) / \(.p99 | digits) / \(.worst | digits)";
+def two($errors): $errors | "\(.rms | digits) / \(.worst | digits)";
 def gap_table:
-  table(["scene", "gaps", "way, m", "off at the end, mm: rms / worst", "degrees: rms / worst", "of the way: rms / worst", "scale, rms",
-         "jump, mm: rms / worst", "NEES at 1 / 2 / 5 / 10 s", "frames with a pose", "beyond 3 sigma",
-         "mean / p99 / longest frame, ms", "target", "met", "version"];
+  table(["scene", "gaps", "way, m", "off at the end, mm: rms / worst", "degrees: rms / worst", "of the way: rms / worst",
+         "scale: rms / told", "jump, mm: rms / worst", "NEES at 1 / 2 / 5 / 10 s", "frames with a pose", "NEES above 54",
+         "longest beyond 3 sigma, s", "markers in the map: after the first way / at the end of all",
+         "farthest two off, mm: rms / worst", "mean / p99 / longest frame, ms", "natural features of it, ms",
+         "target", "met", "version"];
     [$plan.gaps[] as $plan | first($gaps[] | select(.run == $plan.name)) // null
-      | if . == null then [$plan.what, "not measured"] + [range(13) | ""] else
+      | if . == null then [$plan.what, "not measured"] + [range(17) | ""] else
         .made.commit as $version | .report
-          | (if $plan.target then gap_missed($plan.target) else null end) as $missed
           | [$plan.what, "\(.ends.gaps), \(.ends.lost) lost", (.ends.way_m | digits),
-             "\(.ends.from_marker_mm.rms | digits) / \(.ends.from_marker_mm.worst | digits)",
-             "\(.ends.turn_from_marker_deg.rms | digits) / \(.ends.turn_from_marker_deg.worst | digits)",
-             "\(.ends.share_percent.rms | digits) / \(.ends.share_percent.worst | digits) %",
-             "\(.ends.scale_percent.rms | digits) %",
-             "\(.ends.jump_mm.rms | digits) / \(.ends.jump_mm.worst | digits)",
-             ([.into[].nees | digits] | join(" / ")), "\(.posed_percent | digits) %",
-             "\(.beyond_3_sigma_percent | digits) %",
-             "\(.cpu_ms.mean | digits) / \(.cpu_ms.p99 | digits) / \(.cpu_ms.worst | digits)",
-             ($plan.target // {} | [(.end_mm | select(.) | "end <= \(.) mm"), (.end_deg | select(.) | "end <= \(.) degrees"),
-                (.jump_mm | select(.) | "jump <= \(.) mm"),
-                (.share_percent | select(.) | "end <= \(.) %")] | join(", ")),
-             (if $missed == null then "" else ($missed | verdict)
-                + (if $missed == [] and .ends.lost > 0 then ", where there is a pose" else "" end) end), $version] end]);
+             two(.ends.from_marker_mm), two(.ends.turn_from_marker_deg), two(.ends.share_percent) + " %",
+             "\(.ends.scale_percent.rms | digits) / \(.ends.scale_percent.told | digits) %",
+             two(.ends.jump_mm), ([.into[].nees | digits] | join(" / ")), "\(.posed_percent | digits) %",
+             "\(.beyond_3_sigma_percent | digits) %", (.beyond_3_sigma_position_longest_s | digits),
+             "\(.markers.mapped_first_way // "–") / \(.markers.mapped) of \(.markers.all)", two(.distance_off_mm),
+             three(.cpu_ms), three(.features_ms), ($plan.target // {} | gap_target),
+             (if $plan.target then gap_missed($plan.target) | verdict else "" end), $version] end]);
 
 def target_missed($t): [.seeds[] | select((.during_px.mean // 1e9) > $t) | "mean"] | unique;
 def by_seed(f): [.seeds[] | f | if . then digits else "none" end] | join(", ");

@@ -7,29 +7,30 @@
 // A gap begins after the last frame whose pose is from markers, and counts once it is a second
 // long. For the covariance the truth is put where the world is, the first keyframe's camera. "From
 // the marker": the error as seen from the last marker before the gap, where the map has it; the
-// first keyframe's own error is not in it.
+// first keyframe's own error is not in it. A position is beyond 3 sigma where its error is more
+// than three times what the covariance says in the direction of that error, of any pose, carried or
+// from markers, until the next frame. The scale is of the way since the last pose from markers,
+// along it; told: what has come to the position's variance along it since. The first way ends at
+// half the time where the camera comes back to where it began.
 #include <algorithm>
-#include <array>
-#include <cmath>
-#include <cstddef>
 #include <cstdint>
 #include <cstdio>
-#include <numbers>
 #include <optional>
 #include <string>
 #include <utility>
 #include <vector>
 
 #include <CLI/CLI.hpp>
-#include <Eigen/Cholesky>
 
 #include "base/clock.h"
 #include "base/image_view.h"
 #include "io/text/text_file.h"
 #include "simulator/simulation.h"
 #include "slam/slam.h"
+#include "slam/stages.h"
 #include "tests/bench/command_line.h"
 #include "tests/bench/gap_figure.h"
+#include "tests/bench/gap_follower.h"
 #include "tests/bench/gap_report.h"
 #include "tests/bench/kept_frames.h"
 #include "tools/exit_code.h"
@@ -38,8 +39,6 @@ namespace waymark::bench {
 namespace {
 
 using slam::Transform;
-
-constexpr double kShortest_s = 1.0;  // a gap
 
 struct Arguments {
   std::vector<std::string> scenes = {"dolly"};
@@ -63,95 +62,21 @@ struct Run {
   bool natural = true;  // features between the markers
 };
 
-std::optional<Carried> carried(const slam::PoseEstimate& pose, const Transform& truth,
-                               const Transform& truth_by_marker) {
-  const Eigen::LLT<slam::Matrix6d> factor(pose.covariance);
-  if (factor.info() != Eigen::Success) return std::nullopt;
-  const slam::Vector6d e = pose.T_w_c.localCoordinates(truth);
-  return Carried{e.head<3>().norm(), (pose.T_w_c.p - truth_by_marker.p).norm(),
-                 slam::rotationDistance(pose.T_w_c.R, truth_by_marker.R) * 180.0 / std::numbers::pi,
-                 std::sqrt(pose.covariance.topLeftCorner<3, 3>().trace()), e.dot(factor.solve(e))};
-}
-
-// One run, frame after frame.
-class Follower {
+// Thread CPU time of a frame's natural features.
+class FeatureClock final : public slam::StageObserver {
  public:
-  explicit Follower(GapReport* report) : report_(report) {}
-
-  // T_w_scene: the map's world and the scene's, by the first keyframe and by the last marker.
-  void add(double time_s, const slam::FrameResult& result, const Transform& T_scene_c,
-           const Transform& T_w_scene, const Transform& T_w_scene_by_marker) {
-    ++report_->frames;
-    if (result.pose) ++report_->posed;
-    const Transform truth = T_w_scene * T_scene_c;
-    const auto now =
-        result.pose ? carried(*result.pose, truth, T_w_scene_by_marker * T_scene_c) : std::nullopt;
-    noteBeyond(time_s, now, result.pose && result.pose->source == slam::PoseSource::kMarkers);
-    if (result.pose && result.pose->source == slam::PoseSource::kMarkers) {
-      close(result.pose->T_w_c, truth);
-      gap_ = Gap{.begin_s = time_s, .end_s = time_s};
-      start_ = {result.pose->T_w_c, truth};
-      before_ = start_;
-    } else if (gap_) {
-      extend(time_s, result, truth, now);
-    }
+  void begin(slam::Stage stage) override {
+    if (stage == slam::Stage::kFeatures) began_ns_ = threadCpuNs();
   }
+  void end(slam::Stage stage) override {
+    if (stage == slam::Stage::kFeatures) spent_ns_ += threadCpuNs() - began_ns_;
+  }
+  // Since it was asked last.
+  [[nodiscard]] double take_ms() { return 1e-6 * static_cast<double>(std::exchange(spent_ns_, 0)); }
 
  private:
-  struct Place {
-    Transform estimate;
-    Transform truth;
-  };
-
-  void noteBeyond(double time_s, const std::optional<Carried>& now, bool by_markers) {
-    if (!now || !(now->nees > 9.0 * 6.0)) {
-      is_beyond_ = false;
-      return;
-    }
-    ++report_->beyond_3_sigma;
-    if (!is_beyond_) {
-      report_->beyond.push_back({.begin_s = time_s, .by_markers = true});
-    }
-    is_beyond_ = true;
-    Beyond& beyond = report_->beyond.back();
-    beyond.end_s = time_s;
-    beyond.worst_m = std::max(beyond.worst_m, now->error_m);
-    beyond.by_markers = beyond.by_markers && by_markers;
-  }
-
-  void extend(double time_s, const slam::FrameResult& result, const Transform& truth,
-              const std::optional<Carried>& now) {
-    gap_->way_m += (truth.p - before_.truth.p).norm();
-    gap_->end_s = time_s;
-    ++gap_->frames;
-    gap_->last = now;
-    before_.truth = truth;
-    if (!result.pose) return;
-    ++gap_->posed;
-    before_.estimate = result.pose->T_w_c;
-    const Eigen::Vector3d true_way = truth.p - start_.truth.p;
-    const Eigen::Vector3d way = result.pose->T_w_c.p - start_.estimate.p;
-    if (true_way.norm() > 0.3) gap_->scale = way.dot(true_way) / true_way.squaredNorm() - 1.0;
-    for (std::size_t i = 0; i < kInto_s.size(); ++i) {
-      if (!gap_->into[i] && time_s - gap_->begin_s >= kInto_s[i]) gap_->into[i] = now;
-    }
-  }
-
-  void close(const Transform& estimate, const Transform& truth) {
-    if (!gap_ || gap_->end_s - gap_->begin_s < kShortest_s) return;
-    if (gap_->last) {
-      // What the camera itself did meanwhile is no jump.
-      const Eigen::Vector3d moved = truth.p - before_.truth.p;
-      gap_->jump_m = (estimate.p - before_.estimate.p - moved).norm();
-    }
-    report_->gaps.push_back(*gap_);
-  }
-
-  GapReport* report_;
-  bool is_beyond_ = false;
-  std::optional<Gap> gap_;
-  Place start_;   // the last pose from markers
-  Place before_;  // the frame before
+  std::int64_t began_ns_ = 0;
+  std::int64_t spent_ns_ = 0;
 };
 
 // The map's world and the scene's, by where both have a marker.
@@ -164,15 +89,21 @@ std::optional<Transform> byMarker(const slam::Map& map, const simulator::Simulat
   return std::nullopt;
 }
 
+int mappedOf(const simulator::Simulation& simulation, const slam::Map& map) {
+  return static_cast<int>(std::ranges::count_if(
+      simulation.markers(),
+      [&](const simulator::Marker& marker) { return map.findPosed(marker.id) != nullptr; }));
+}
+
 void addMap(const slam::Map& map, const simulator::Simulation& simulation, GapReport* report) {
   double farthest_m = 0.0;
   double error_mm = 0.0;
   const auto& markers = simulation.markers();
   report->markers += static_cast<int>(markers.size());
+  report->mapped += mappedOf(simulation, map);
   for (const simulator::Marker& a : markers) {
     const slam::MapMarker* const in_map = map.findPosed(a.id);
     if (in_map == nullptr) continue;
-    ++report->mapped;
     for (const simulator::Marker& b : markers) {
       const slam::MapMarker* const other = map.findPosed(b.id);
       const double distance_m = (a.T_w_m.p - b.T_w_m.p).norm();
@@ -209,7 +140,10 @@ Status runOnce(const Arguments& arguments, const Run& run, GapReport* report, Ga
   const bool keeps = !arguments.keep.empty();
   KeptFrames frames(
       simulation, keeps && arguments.there_and_back ? arguments.keep + "/closed" : arguments.keep);
-  Follower follower(report);
+  GapFollower follower(report);
+  FeatureClock clock;
+  const std::int64_t first_way = firstWay(simulation);
+  std::optional<int> mapped_first_way;
   std::optional<Transform> T_w_scene;
   std::optional<Eigen::Vector3d> before;  // where the last pose was, in the scene
   int last_marker = -1;
@@ -219,8 +153,11 @@ Status runOnce(const Arguments& arguments, const Run& run, GapReport* report, Ga
     const std::int64_t before_ns = threadCpuNs();
     const slam::FrameResult result = slam.process(
         {.time = {static_cast<std::uint64_t>(k), static_cast<std::int64_t>(1e9 * time_s)},
-         .image = ImageView{pixels.data(), lens.width, lens.height, lens.width}});
+         .image = ImageView{pixels.data(), lens.width, lens.height, lens.width}},
+        &clock);
     report->cpu_ms.push_back(1e-6 * static_cast<double>(threadCpuNs() - before_ns));
+    report->features_ms.push_back(clock.take_ms());
+    if (k == first_way) mapped_first_way = mappedOf(simulation, slam.map());
     if (!T_w_scene && result.pose && !slam.map().keyframes().empty()) {
       const slam::Keyframe& first = slam.map().keyframes().begin()->second;
       T_w_scene =
@@ -243,6 +180,7 @@ Status runOnce(const Arguments& arguments, const Run& run, GapReport* report, Ga
   }
   slam.finish();
   addMap(slam.map(), simulation, report);
+  report->mapped_first_way += mapped_first_way.value_or(mappedOf(simulation, slam.map()));
   return success();
 }
 
@@ -271,14 +209,17 @@ tools::ExitCode run(const Arguments& arguments) {
     GapReport report;
     for (int i = 0; i < arguments.runs; ++i) {
       const Run one{scene, arguments.seed + static_cast<std::uint64_t>(i)};
-      const Status done = runOnce(arguments, one, &report, nullptr);
+      GapReport of_one;
+      const Status done = runOnce(arguments, one, &of_one, nullptr);
       if (!done) {
         std::fprintf(stderr, "gaps: %s\n", done.error().message.c_str());
         return tools::kBadInput;
       }
+      if (arguments.every_gap) printRun(scene, one.seed, of_one);
+      report.add(of_one);
     }
     const io::Json summary = summaryOf(scene, std::move(report));
-    print(summary, arguments.every_gap);
+    print(summary);
     if (!arguments.json.empty()) all.push_back(summary);
   }
   if (arguments.json.empty()) return tools::kDone;
@@ -306,7 +247,7 @@ int main(int argc, char** argv) {
       ->check(CLI::PositiveNumber);
   app.add_flag("--there-and-back", arguments.there_and_back,
                "End where it began, in the scene's own time for both ways");
-  app.add_flag("--every-gap", arguments.every_gap, "A line for each");
+  app.add_flag("--every-gap", arguments.every_gap, "A line for each, as its run ends");
   app.add_option("--keep", arguments.keep,
                  "Rendered frames are kept in this folder, and taken from there");
   app.add_option("--json", arguments.json, "All of it into this file as well");
