@@ -38,10 +38,10 @@ struct PoseIntegratorOptions {
   double max_prediction_s = 0.2;
   // Without a frame for so long, seconds, the filter is given up: the motion says nothing any more.
   double max_pause_s = 1.0;
-  // A pose that is less certain than this at three standard deviations, metres and radians, is
-  // none: better lost than lying.
+  // A pose that is less certain than this at three standard deviations, metres and radians (ten
+  // degrees), is none: better lost than lying.
   double max_error_m = 0.5;
-  double max_error_rad = 0.17;
+  double max_error_rad = 0.1745;
   // So long, seconds, features are looked for where nothing is seen: in the dark, or behind what is
   // in the way. Then the filter is given up.
   double max_blind_s = 2.0;
