@@ -67,6 +67,7 @@ void FeatureStage::followAnchor(const Map& map) {
 bool FeatureStage::follow(const FrameInput& frame, const TrackedFrame& tracked,
                           const PoseEstimate& pose, const Map& map, StageObserver* observer) {
   followed_ = concerns(frame);
+  lost_ = false;  // where the features know better, the frame before had a pose
   if (!followed_) return true;
   const StageScope scope(observer, Stage::kFeatures);
   const bool is_only = hasOnePlaced(map);
@@ -121,11 +122,23 @@ void FeatureStage::findUnplaced(std::span<const MarkerDetection> detections, con
 std::optional<PoseEstimate> FeatureStage::bridge(const FrameInput& frame,
                                                  std::span<const MarkerDetection> detections,
                                                  const Map& map, StageObserver* observer) {
+  refused_ = false;
   if (!concerns(frame)) return std::nullopt;
   const StageScope scope(observer, Stage::kFeatures);
   if (hasOnePlaced(map)) followAnchor(map);
   findUnplaced(detections, map);
-  return inWorld(integrator_.bridge(frame.time.monotonic_ns, *frame.image, unplaced_));
+  const auto pose = integrator_.bridge(frame.time.monotonic_ns, *frame.image, unplaced_);
+  refused_ = integrator_.tooUncertain();
+  // What is adrift had no place to lose.
+  lost_ = !pose && (lost_ || (refused_ && !integrator_.adrift()));
+  return inWorld(pose);
+}
+
+// Markers in view that give no pose say more than that an earlier one is gone.
+void FeatureStage::tellIfLost(FrameResult* result) const {
+  if (lost_) result->state = TrackingState::kLost;
+  const bool nothing_in_view = result->reason == NoPoseReason::kNoMarker;
+  if (refused_ || (lost_ && nothing_in_view)) result->reason = NoPoseReason::kCarriedTooUncertain;
 }
 
 void FeatureStage::await(const FrameInput& frame, bool has_pose, StageObserver* observer) {

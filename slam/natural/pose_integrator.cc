@@ -160,7 +160,7 @@ std::optional<VisualUpdate> PoseIntegrator::look(std::int64_t time_ns, const Ima
 
 std::optional<PoseEstimate> PoseIntegrator::bridge(std::int64_t time_ns, const ImageView& image,
                                                    std::span<const UnplacedMarker> unplaced) {
-  bridging_ = false;
+  bridging_ = too_uncertain_ = false;
   fused_.reset();
   advance(time_ns);
   if (!running()) return std::nullopt;
@@ -173,7 +173,12 @@ std::optional<PoseEstimate> PoseIntegrator::bridge(std::int64_t time_ns, const I
   FilteredPose pose = *placed;
   pose.covariance += contradiction_;
   const double blind_s = secondsBetween(last_seen_ns_, time_ns);
-  if (blind_s > options_.integrator.max_prediction_s || isTooUncertain(pose)) return std::nullopt;
+  if (blind_s > options_.integrator.max_prediction_s) return std::nullopt;
+  too_uncertain_ = isTooUncertain(pose);
+  if (too_uncertain_) {
+    ++counters_->uncertain_frames;
+    return std::nullopt;
+  }
   bridging_ = seen;
   ++(seen ? counters_->bridged_frames : counters_->predicted_frames);
   PoseEstimate estimate;

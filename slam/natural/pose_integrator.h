@@ -140,6 +140,8 @@ class PoseIntegrator {
   // place for.
   [[nodiscard]] std::optional<PoseEstimate> bridge(std::int64_t time_ns, const ImageView& image,
                                                    std::span<const UnplacedMarker> unplaced = {});
+  // Of the last bridge(): there was a pose, less certain than the options allow.
+  [[nodiscard]] bool tooUncertain() const { return too_uncertain_; }
 
   // After follow() or bridge(): the frame's camera may be spoken of later. Where nothing is
   // followed and the frame has no pose, features are followed from here on, adrift: without a place
@@ -217,10 +219,11 @@ class PoseIntegrator {
   std::optional<VisualFilter> filter_;
   std::optional<PoseEstimate> fused_;
   std::optional<FilteredPose> arrival_;
-  std::int64_t time_ns_ = 0;             // of the filter
-  std::int64_t few_markers_ns_ = 0;      // the last frame with at most max_markers
-  std::int64_t last_seen_ns_ = 0;        // the last frame that markers or features saw
-  bool bridging_ = false;                // the last frame's pose was from features
+  std::int64_t time_ns_ = 0;         // of the filter
+  std::int64_t few_markers_ns_ = 0;  // the last frame with at most max_markers
+  std::int64_t last_seen_ns_ = 0;    // the last frame that markers or features saw
+  bool bridging_ = false;            // the last frame's pose was from features
+  bool too_uncertain_ = false;
   int contradictions_ = 0;               // frames in succession
   int at_odds_ = 0;                      // the same, of giveUpIfAtOdds()
   bool adrift_ = false;                  // the filter has no place in the world yet

@@ -163,13 +163,18 @@ TEST_F(PoseIntegratorTest, GivesUpRatherThanLie) {
   options_.integrator.max_prediction_s = 10.0;
   begin();
   int posed = 0;
+  int uncertain = 0;
   for (int i = 0; i < 75; ++i) {
     const Frame frame = step(See::kNothing);
+    uncertain += integrator_->tooUncertain() ? 1 : 0;
     if (!frame.pose) continue;
     ++posed;
     EXPECT_LE(3.0 * std::sqrt(frame.pose->covariance.topLeftCorner<3, 3>().trace()), 0.5);
   }
   EXPECT_LT(posed, 30);
+  EXPECT_GT(uncertain, 0);
+  EXPECT_LT(posed + uncertain, 75) << "after max_blind_s there is nothing to be uncertain of";
+  EXPECT_EQ(counters_.uncertain_frames, static_cast<std::uint64_t>(uncertain));
   EXPECT_FALSE(step(See::kWallOnly).pose) << "once given up, it takes markers to begin again";
 }
 
