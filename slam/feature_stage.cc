@@ -84,9 +84,10 @@ bool FeatureStage::follow(const FrameInput& frame, const TrackedFrame& tracked,
   // What the pose is relative to: what is not known of its place is the world's share, and not to
   // be counted twice.
   if (fitting_.size() == 1 && is_only) nearest->covariance.setZero();
-  const bool begins = (isCertain(tracked) || tracked.single->covered) && beginsAtAny(fitting_);
-  const bool agrees =
-      integrator_.follow(frame.time.monotonic_ns, *frame.image, pose, begins, fitting_);
+  const bool is_one = isCertain(tracked) || tracked.single->covered;
+  const Beginning where = beginsAtAny(fitting_) ? Beginning::kAllowed : Beginning::kOutside;
+  const bool agrees = integrator_.follow(frame.time.monotonic_ns, *frame.image, pose,
+                                         is_one ? where : Beginning::kAmbiguous, fitting_);
   if (agrees && nearest != fitting_.end()) anchor_ = {nearest->detection->id, nearest->T_w_m};
   return agrees;
 }
@@ -187,9 +188,11 @@ void FeatureStage::late(const LateResult& seen, const MapMarker& picture, const 
       covariance_.doubtAs(picture);
       anchor_ = {picture.id, T_w_p};
       break;
+    case LateOutcome::kOutside:
+      ++counters_->starts_outside;
+      break;
     case LateOutcome::kOpen:
     case LateOutcome::kKnown:
-    case LateOutcome::kOutside:
     case LateOutcome::kUnknown:
       break;
   }

@@ -82,6 +82,13 @@ struct NaturalOptions {
   [[nodiscard]] std::string invalidReason() const;
 };
 
+// Whether the filter may begin at a frame's markers, where there is none.
+enum class Beginning : std::uint8_t {
+  kAllowed,
+  kAmbiguous,  // the pose is one of two that nothing has decided between
+  kOutside,    // no marker is where in the image the options want one
+};
+
 enum class LateOutcome : std::uint8_t {
   kUsed,     // agrees, and is part of the pose now
   kKnown,    // the place is known better than that
@@ -123,11 +130,10 @@ class PoseIntegrator {
   }
 
   // A frame with a pose from these markers, all of which fit it. image: of the camera's size, or
-  // empty. begins: the filter may begin at it, if there is none; not where it is one of two poses
-  // that nothing has decided between. False while the markers contradict a filter that the last
-  // pose was from, alone or fused(): then the frame is to be bridged.
+  // empty. False while the markers contradict a filter that the last pose was from, alone or
+  // fused(): then the frame is to be bridged.
   [[nodiscard]] bool follow(std::int64_t time_ns, const ImageView& image, const PoseEstimate& pose,
-                            bool begins, std::span<const KnownMarker> markers);
+                            Beginning beginning, std::span<const KnownMarker> markers);
   // Of the last frame, where it was follow()ed: its pose from features and markers together, in
   // place of the markers' alone. Empty where the filter has only begun, or knows no better, and
   // with more markers than features are followed for.
