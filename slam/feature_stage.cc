@@ -84,10 +84,10 @@ bool FeatureStage::follow(const FrameInput& frame, const TrackedFrame& tracked,
   // What the pose is relative to: what is not known of its place is the world's share, and not to
   // be counted twice.
   if (fitting_.size() == 1 && is_only) nearest->covariance.setZero();
-  const bool is_one = isCertain(tracked) || tracked.single->covered;
+  const bool is_sure = isCertain(tracked) || tracked.single->covered;
   const Beginning where = beginsAtAny(fitting_) ? Beginning::kAllowed : Beginning::kOutside;
   const bool agrees = integrator_.follow(frame.time.monotonic_ns, *frame.image, pose,
-                                         is_one ? where : Beginning::kAmbiguous, fitting_);
+                                         is_sure ? where : Beginning::kAmbiguous, fitting_);
   if (agrees && nearest != fitting_.end()) anchor_ = {nearest->detection->id, nearest->T_w_m};
   return agrees;
 }

@@ -102,6 +102,9 @@ Status addPictures(const std::string& file, RunSetup* setup) {
   Result<io::NaturalMarkerSet> set = io::readNaturalMarkers(file);
   if (!set) return set.error();
   for (const std::string& note : set->notes) std::fprintf(stderr, "waymark: %s\n", note.c_str());
+  if (const std::string alike = io::alikeNote(*set, file); !alike.empty()) {
+    std::fprintf(stderr, "waymark: warning: %s\n", alike.c_str());
+  }
   setup->options.natural.prints = io::printsOf(*set);
   if (const std::string reason = setup->options.invalidReason(); !reason.empty()) {
     return Error{file + ": " + reason};
