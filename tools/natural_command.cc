@@ -13,6 +13,7 @@
 
 #include <CLI/CLI.hpp>
 
+#include "base/freed_memory.h"
 #include "io/calibrations/calibration_file.h"
 #include "io/pictures/natural_marker_file.h"
 #include "io/pictures/natural_marker_set.h"
@@ -181,6 +182,7 @@ Outcome check(const CheckArguments& arguments) {
   const auto set = io::readNaturalMarkers(arguments.file);
   if (!set) return set.error();
   for (const std::string& note : set->notes) std::printf("%s\n", note.c_str());
+  keepFreedMemory();  // local features take and free megabytes for each image
   slam::PictureFinder finder(set->markers);
   for (std::size_t i = 0; i < set->markers.size(); ++i) {
     const slam::NaturalMarker& marker = set->markers[i];
