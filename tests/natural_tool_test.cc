@@ -1,9 +1,8 @@
 // `waymark natural`, and what `waymark run` says of natural markers, as their users meet them.
-#include <algorithm>
 #include <cstdint>
-#include <filesystem>
 #include <fstream>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include <gtest/gtest.h>
@@ -15,8 +14,6 @@
 
 namespace waymark::testing {
 namespace {
-
-namespace fs = std::filesystem;
 
 class NaturalTool : public WaymarkTool {
  protected:
@@ -80,6 +77,25 @@ TEST_F(NaturalTool, AddSaysWhatOfALargePictureIsUsed) {
   EXPECT_NE(result.out.find("wide.png: has 8000x2000 pixels, of which 512x128 are used\n"),
             std::string::npos)
       << result.out;
+}
+
+TEST_F(NaturalTool, ARunSaysThatAConfigurationsNaturalMarkersAreNotUsed) {
+  const std::string config = (directory_ / "w.toml").string();
+  const auto said = [&](const std::string& more, const std::string& natural = {}) {
+    std::ofstream(config) << "[slam]\ndictionary = '4X4_50'\n" << more;
+    std::vector<std::pair<std::string, std::string>> options = {{"--config", config}};
+    if (!natural.empty()) options.emplace_back("--natural", natural);
+    const std::string err = run(video(), options).err;
+    return err.find("is not used") == std::string::npos ? std::string() : err;
+  };
+  EXPECT_EQ(said(""), "");
+  const std::string line = config + ": [[natural]] is not used here; --natural FILE.json";
+  const std::string natural = "[[natural]]\nname = 'exit'\nimage = 'exit.png'\nwidth_m = 0.3\n";
+  EXPECT_NE(said(natural).find(line), std::string::npos);
+  EXPECT_NE(said("[relocalizer]\nmarkers = 'n.json'\n").find("relocalizer.markers is not used"),
+            std::string::npos);
+  ASSERT_EQ(add(save("a.png", sheet(1))).exit_code, 0);
+  EXPECT_EQ(said(natural, file()), "") << "the command line wins";
 }
 
 }  // namespace
