@@ -89,6 +89,7 @@ Result<std::optional<DaemonParts>> prepare(const fs::path& file, Configuration c
   Result<NaturalSetup> natural = prepareNatural(file, &configuration);
   if (!natural) return natural.error();
   for (const std::string& note : natural->notes) log.info(note);
+  if (!natural->alike.empty()) log.warning(natural->alike);
   Result<StartMap> start = readStartMap(configuration.slam, camera->calibration);
   if (!start) return start.error();
   if (const Status s = checkRecorder(configuration.record, camera->calibration); !s) {

@@ -18,7 +18,7 @@ enum class FrameStatus {
   kTracking,      // this frame has a pose from markers
   kBridging,      // it has one, from natural features or motion
   kRelocalizing,  // live: there is a map, but this frame has no pose
-  kLost,          // at the end: the same
+  kLost,          // the same, live since a carried pose became too uncertain; and at the end
 };
 
 struct FramePose {

@@ -32,8 +32,10 @@ struct Counters {
   std::uint64_t refused_pictures = 0;
   std::uint64_t late_unknown = 0;
   std::uint64_t predicted_frames = 0;
+  std::uint64_t uncertain_frames = 0;
   std::uint64_t wary_frames = 0;
   std::uint64_t filter_restarts = 0;
+  std::uint64_t starts_outside = 0;
   std::uint64_t full_scans = 0;
   std::uint64_t followed_frames = 0;
   std::uint64_t frames_in_other_world = 0;
@@ -108,10 +110,15 @@ inline constexpr std::array kCounters = {
                  "pictures told of frames that nobody remembers any more"},
     NamedCounter{"predicted_frames", &Counters::predicted_frames,
                  "frames whose pose is from the motion alone"},
+    NamedCounter{"uncertain_frames", &Counters::uncertain_frames,
+                 "frames whose carried pose was less certain than its limit, and is none"},
     NamedCounter{"wary_frames", &Counters::wary_frames,
                  "frames in which features were distrusted, as things moved in view"},
     NamedCounter{"filter_restarts", &Counters::filter_restarts,
                  "times the filter of natural features contradicted the markers, and began anew"},
+    NamedCounter{"starts_outside", &Counters::starts_outside,
+                 "frames and pictures that features did not begin at, for where in the image the "
+                 "marker or picture is"},
     NamedCounter{"full_scans", &Counters::full_scans, "frames searched as a whole"},
     NamedCounter{"followed_frames", &Counters::followed_frames,
                  "frames searched where markers were expected, and in turns"},

@@ -67,6 +67,7 @@ void FeatureStage::followAnchor(const Map& map) {
 bool FeatureStage::follow(const FrameInput& frame, const TrackedFrame& tracked,
                           const PoseEstimate& pose, const Map& map, StageObserver* observer) {
   followed_ = concerns(frame);
+  lost_ = false;  // where the features know better, the frame before had a pose
   if (!followed_) return true;
   const StageScope scope(observer, Stage::kFeatures);
   const bool is_only = hasOnePlaced(map);
@@ -83,9 +84,10 @@ bool FeatureStage::follow(const FrameInput& frame, const TrackedFrame& tracked,
   // What the pose is relative to: what is not known of its place is the world's share, and not to
   // be counted twice.
   if (fitting_.size() == 1 && is_only) nearest->covariance.setZero();
-  const bool begins = (isCertain(tracked) || tracked.single->covered) && beginsAtAny(fitting_);
-  const bool agrees =
-      integrator_.follow(frame.time.monotonic_ns, *frame.image, pose, begins, fitting_);
+  const bool is_sure = isCertain(tracked) || tracked.single->covered;
+  const Beginning where = beginsAtAny(fitting_) ? Beginning::kAllowed : Beginning::kOutside;
+  const bool agrees = integrator_.follow(frame.time.monotonic_ns, *frame.image, pose,
+                                         is_sure ? where : Beginning::kAmbiguous, fitting_);
   if (agrees && nearest != fitting_.end()) anchor_ = {nearest->detection->id, nearest->T_w_m};
   return agrees;
 }
@@ -121,11 +123,23 @@ void FeatureStage::findUnplaced(std::span<const MarkerDetection> detections, con
 std::optional<PoseEstimate> FeatureStage::bridge(const FrameInput& frame,
                                                  std::span<const MarkerDetection> detections,
                                                  const Map& map, StageObserver* observer) {
+  refused_ = false;
   if (!concerns(frame)) return std::nullopt;
   const StageScope scope(observer, Stage::kFeatures);
   if (hasOnePlaced(map)) followAnchor(map);
   findUnplaced(detections, map);
-  return inWorld(integrator_.bridge(frame.time.monotonic_ns, *frame.image, unplaced_));
+  const auto pose = integrator_.bridge(frame.time.monotonic_ns, *frame.image, unplaced_);
+  refused_ = integrator_.tooUncertain();
+  // What is adrift had no place to lose.
+  lost_ = !pose && (lost_ || (refused_ && !integrator_.adrift()));
+  return inWorld(pose);
+}
+
+// Markers in view that give no pose say more than that an earlier one is gone.
+void FeatureStage::tellIfLost(FrameResult* result) const {
+  if (lost_) result->state = TrackingState::kLost;
+  const bool nothing_in_view = result->reason == NoPoseReason::kNoMarker;
+  if (refused_ || (lost_ && nothing_in_view)) result->reason = NoPoseReason::kCarriedTooUncertain;
 }
 
 void FeatureStage::await(const FrameInput& frame, bool has_pose, StageObserver* observer) {
@@ -174,9 +188,11 @@ void FeatureStage::late(const LateResult& seen, const MapMarker& picture, const 
       covariance_.doubtAs(picture);
       anchor_ = {picture.id, T_w_p};
       break;
+    case LateOutcome::kOutside:
+      ++counters_->starts_outside;
+      break;
     case LateOutcome::kOpen:
     case LateOutcome::kKnown:
-    case LateOutcome::kOutside:
     case LateOutcome::kUnknown:
       break;
   }

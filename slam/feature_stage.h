@@ -48,6 +48,9 @@ class FeatureStage {
   [[nodiscard]] std::optional<PoseEstimate> bridge(const FrameInput& frame,
                                                    std::span<const MarkerDetection> detections,
                                                    const Map& map, StageObserver* observer);
+  // After a bridge() without a pose: its state and reason, where that is because a carried pose
+  // became less certain than its limit, then or since the last frame that had one.
+  void tellIfLost(FrameResult* result) const;
   // After follow(): where a bridge has ended at markers that are known, as seen from where it
   // began.
   struct Arrival {
@@ -94,6 +97,8 @@ class FeatureStage {
   Anchor anchor_;
   int anchor_before_ = -1;  // the last frame
   bool followed_ = false;   // the last frame with a pose from markers
+  bool refused_ = false;    // the last frame's carried pose was too uncertain
+  bool lost_ = false;       // since one was, there has been no pose
   // Reused from frame to frame.
   std::vector<KnownMarker> fitting_;
   std::vector<UnplacedMarker> unplaced_;

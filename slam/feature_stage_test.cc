@@ -28,25 +28,32 @@ class FeatureStageTest : public ::testing::Test {
     double by_view = 0.0;
     double by_marker = 0.0;
   };
+  enum class See { kMarker, kWallOnly, kNothing };
+  // What is said of the k-th frame.
+  FrameResult step(Slam* slam, const Transform& truth, int k, See see, std::mt19937* rng) {
+    wall_.render(camera_, truth, 2.0, static_cast<unsigned>(k), &pixels_);
+    if (see == See::kNothing) std::fill(pixels_.begin(), pixels_.end(), std::uint8_t{5});
+    std::vector<MarkerDetection> seen;
+    if (see == See::kMarker) {
+      const auto detection = testing::observe(camera_, truth, 7, marker_, kSize_m, 0.06, rng);
+      EXPECT_TRUE(detection);
+      seen = {*detection};
+    }
+    const ImageView image{pixels_.data(), camera_.width(), camera_.height(), camera_.width()};
+    FrameResult result = slam->process(
+        {.time = {static_cast<std::uint64_t>(k), static_cast<std::int64_t>(1e9 * k / kRate_hz)},
+         .image = image,
+         .detections = seen});
+    result.detections = {};  // they end here
+    return result;
+  }
   // What a new SLAM says of the last of so many frames with the marker and without it.
   FrameResult process(Slam* slam, const testing::Dolly& dolly, int with, int without) {
     std::mt19937 rng(dolly.seed);
-    std::vector<std::uint8_t> pixels;
     FrameResult result;
     for (int k = 0; k < with + without; ++k) {
-      const Transform truth = dolly.at(k / kRate_hz);
-      wall_.render(camera_, truth, 2.0, static_cast<unsigned>(k), &pixels);
-      std::vector<MarkerDetection> seen;
-      if (k < with) {
-        const auto detection = testing::observe(camera_, truth, 7, marker_, kSize_m, 0.06, &rng);
-        EXPECT_TRUE(detection);
-        seen = {*detection};
-      }
-      const ImageView image{pixels.data(), camera_.width(), camera_.height(), camera_.width()};
-      result = slam->process(
-          {.time = {static_cast<std::uint64_t>(k), static_cast<std::int64_t>(1e9 * k / kRate_hz)},
-           .image = image,
-           .detections = seen});
+      const See see = k < with ? See::kMarker : See::kWallOnly;
+      result = step(slam, dolly.at(k / kRate_hz), k, see, &rng);
     }
     return result;
   }
@@ -77,6 +84,7 @@ class FeatureStageTest : public ::testing::Test {
   CameraModel camera_{testing::wideCalibration(320, 240)};
   testing::TexturedWall wall_{3};
   Transform marker_ = testing::markerFacing({0.0, -0.005, 0.1}, {-0.6, -1.0, 0.1});
+  std::vector<std::uint8_t> pixels_;
 };
 
 // What the first view leaves open of the only marker's place is the world's doubt, and in the
@@ -98,7 +106,9 @@ TEST_F(FeatureStageTest, AfterTheOnlyMarkerThePoseKnowsItsError) {
 TEST_F(FeatureStageTest, BeginsAtAMarkerWithinTheLimitsOnly) {
   const auto isCarried = [&] {
     Slam slam(camera_, *Dictionary::byName("4X4_50"), options_);
-    return process(&slam, {.speed_m_per_s = 0.4, .seed = 1}, 45, 5).pose.has_value();
+    const bool carried = process(&slam, {.speed_m_per_s = 0.4, .seed = 1}, 45, 5).pose.has_value();
+    EXPECT_TRUE(carried || slam.counters().starts_outside > 0) << "nobody would know why";
+    return carried;
   };
   EXPECT_TRUE(isCarried());
   options_.natural.integrator.start.min_area = 0.5;
@@ -107,6 +117,38 @@ TEST_F(FeatureStageTest, BeginsAtAMarkerWithinTheLimitsOnly) {
   EXPECT_TRUE(isCarried());
   options_.natural.integrator.start.border = 0.45;
   EXPECT_FALSE(isCarried());
+}
+
+// No carried pose is known as well as that.
+TEST_F(FeatureStageTest, ACameraWhosePoseIsTooUncertainIsLostUntilAMarkerBringsItBack) {
+  options_.natural.integrator.max_error_m = 1e-5;
+  Slam slam(camera_, *Dictionary::byName("4X4_50"), options_);
+  const testing::Dolly dolly{.speed_m_per_s = 0.4, .seed = 1};
+  EXPECT_EQ(process(&slam, dolly, 45, 0).state, TrackingState::kTracking);
+  std::mt19937 rng(1);
+  int frame = 45;
+  int place = 45;
+  const auto expectLost = [&](int frames, See see) {
+    for (int i = 0; i < frames; ++i, ++frame) {
+      place += see == See::kNothing ? 0 : 1;
+      const FrameResult result = step(&slam, dolly.at(place / kRate_hz), frame, see, &rng);
+      EXPECT_FALSE(result.pose) << frame;
+      EXPECT_EQ(result.state, TrackingState::kLost) << frame;
+      EXPECT_EQ(result.reason, NoPoseReason::kCarriedTooUncertain) << frame;
+    }
+  };
+  expectLost(5, See::kWallOnly);
+  EXPECT_EQ(slam.counters().uncertain_frames, 5U);
+  // Longer than features are looked for in the dark: nothing is followed any more.
+  expectLost(75, See::kNothing);
+  EXPECT_LT(slam.counters().uncertain_frames, 15U) << "soon there was nothing to be uncertain of";
+  FrameResult back;
+  for (int i = 0; i < 20; ++i, ++frame) {
+    back = step(&slam, dolly.at(++place / kRate_hz), frame, See::kMarker, &rng);
+  }
+  EXPECT_TRUE(back.pose);
+  EXPECT_EQ(back.state, TrackingState::kTracking);
+  EXPECT_EQ(back.reason, NoPoseReason::kNone);
 }
 
 }  // namespace

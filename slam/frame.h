@@ -33,6 +33,7 @@ enum class TrackingState {
   kTracking,      // this frame has a pose from markers
   kBridging,      // it has one, from natural features or motion
   kRelocalizing,  // there is a map, but this frame has no pose
+  kLost,          // the same, since a carried pose became less certain than its limit
 };
 
 // Two pieces of the map have become one world, or are two again. From this frame on coordinates are

@@ -15,6 +15,7 @@ enum class NoPoseReason {
   kNoKnownMarker,          // what is in view has no pose in the map yet
   kAmbiguousMarker,        // the only known one in view
   kMarkersDoNotFit,        // the known ones in view contradict the map or each other
+  kCarriedTooUncertain,    // between markers: what was carried is beyond its limit
 };
 
 // For people; static text, empty for kNone.
@@ -42,6 +43,8 @@ enum class NoPoseReason {
       return "the only known marker in view is ambiguous";
     case NoPoseReason::kMarkersDoNotFit:
       return "the markers in view do not fit the map";
+    case NoPoseReason::kCarriedTooUncertain:
+      return "the carried pose is less certain than its limit";
   }
   return "";
 }

@@ -330,7 +330,7 @@ class Piece::Impl {
       rolling_shutter_.deskew(camera_, map_, prediction->T_w_c, prediction->twist, &deskewed_);
     }
     result->pose = features_.bridge(frame, deskewed_, map_, observer);
-    if (!result->pose) return;
+    if (!result->pose) return features_.tellIfLost(result);
     const PoseGlobalMatrix by_camera = covariance_.sharedByCamera(result->pose->T_w_c.p);
     result->pose->covariance += covarianceByCamera(camera_uncertainty_, by_camera);
     result->state = TrackingState::kBridging;

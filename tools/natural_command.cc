@@ -1,6 +1,8 @@
 #include "tools/natural_command.h"
 
+#include <algorithm>
 #include <cmath>
+#include <cstddef>
 #include <cstdio>
 #include <filesystem>
 #include <memory>
@@ -11,6 +13,7 @@
 
 #include <CLI/CLI.hpp>
 
+#include "base/freed_memory.h"
 #include "io/calibrations/calibration_file.h"
 #include "io/pictures/natural_marker_file.h"
 #include "io/pictures/natural_marker_set.h"
@@ -82,15 +85,24 @@ fs::path pathWithin(const fs::path& file, const fs::path& image) {
   return below ? relative : fs::absolute(image, error).lexically_normal();
 }
 
-// Whether the new picture, the last one, looks like one that is there.
-Status checkAlike(const std::vector<slam::NaturalMarker>& markers,
-                  const std::vector<io::NaturalMarkerEntry>& entries, const std::string& image) {
-  const int last = static_cast<int>(markers.size()) - 1;
-  for (const slam::AlikePictures& pair : slam::findAlike(markers)) {
+// Whether a new picture may be in a file with these: whoever reads it would refuse the same picture
+// twice, whatever --alike says.
+Status checkNew(io::NaturalMarkerSet set, io::NaturalPicture picture,
+                const AddArguments& arguments) {
+  const auto same = std::ranges::find(set.keys, picture.key);
+  if (same != set.keys.end()) {
+    const auto place = static_cast<std::size_t>(same - set.keys.begin());
+    return Error{arguments.image + ": is the same picture as that of '" +
+                 io::oneLine(set.entries[place].name) + "'"};
+  }
+  if (arguments.alike) return success();
+  const int last = static_cast<int>(set.markers.size());
+  set.markers.push_back(std::move(picture.marker));
+  for (const slam::AlikePictures& pair : slam::findAlike(set.markers)) {
     if (pair.second != last) continue;
-    return Error{image + ": looks like '" + entries[static_cast<std::size_t>(pair.first)].name +
-                 "': " + percent(pair.share) +
-                 " of its features are the same (--alike adds it anyway)"};
+    return Error{arguments.image + ": looks like '" +
+                 io::oneLine(set.entries[static_cast<std::size_t>(pair.first)].name) + "': " +
+                 percent(pair.share) + " of its features are the same (--alike adds it anyway)"};
   }
   return success();
 }
@@ -98,10 +110,11 @@ Status checkAlike(const std::vector<slam::NaturalMarker>& markers,
 Outcome add(const AddArguments& arguments) {
   const Result<std::optional<slam::Transform>> pose = poseOf(arguments);
   if (!pose) return pose.error();
-  auto marker = io::readNaturalMarker(arguments.image, arguments.width_m, arguments.height_m);
-  if (!marker) return marker.error();
-  const slam::PictureQuality quality = marker->quality();
-  const std::string size = sizeOf(*marker);
+  auto picture = io::readNaturalMarker(arguments.image, arguments.width_m, arguments.height_m);
+  if (!picture) return picture.error();
+  const slam::PictureQuality quality = picture->marker.quality();
+  const std::string size = sizeOf(picture->marker);
+  const std::string note = picture->note.empty() ? std::string() : picture->note + "\n";
 
   io::NaturalMarkerEntry entry;
   entry.name = arguments.name.empty() ? fs::path(arguments.image).stem().string() : arguments.name;
@@ -121,15 +134,12 @@ Outcome add(const AddArguments& arguments) {
   if (!before.empty()) {
     auto set = io::readNaturalMarkers(arguments.file);
     if (!set) return set.error();
-    set->markers.push_back(std::move(*marker));
-    if (!arguments.alike) {
-      const Status distinct = checkAlike(set->markers, set->entries, arguments.image);
-      if (!distinct) return distinct.error();
-    }
+    const Status is_new = checkNew(std::move(*set), std::move(*picture), arguments);
+    if (!is_new) return is_new.error();
   }
   const Status written = io::writeTextFile(arguments.file, *after);
   if (!written) return written.error();
-  return entry.name + ": " + size + ", " + std::to_string(quality.distinct_features) +
+  return note + entry.name + ": " + size + ", " + std::to_string(quality.distinct_features) +
          " distinct features\n";
 }
 
@@ -172,6 +182,7 @@ Outcome check(const CheckArguments& arguments) {
   const auto set = io::readNaturalMarkers(arguments.file);
   if (!set) return set.error();
   for (const std::string& note : set->notes) std::printf("%s\n", note.c_str());
+  keepFreedMemory();  // local features take and free megabytes for each image
   slam::PictureFinder finder(set->markers);
   for (std::size_t i = 0; i < set->markers.size(); ++i) {
     const slam::NaturalMarker& marker = set->markers[i];

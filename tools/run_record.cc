@@ -34,6 +34,8 @@ io::FrameStatus statusOf(slam::TrackingState state) {
       return io::FrameStatus::kBridging;
     case slam::TrackingState::kRelocalizing:
       return io::FrameStatus::kRelocalizing;
+    case slam::TrackingState::kLost:
+      return io::FrameStatus::kLost;
   }
   return io::FrameStatus::kInitializing;
 }

@@ -56,6 +56,11 @@ TEST(RunRecord, EveryFrameIsAmongThePoses) {
   EXPECT_FALSE(poses[10].pose);
   EXPECT_EQ(poses[10].status, io::FrameStatus::kRelocalizing);
   EXPECT_EQ(poses[10].reason, "no marker in view");
+  lost.state = slam::TrackingState::kLost;
+  lost.reason = slam::NoPoseReason::kCarriedTooUncertain;
+  record.add(11 * kPeriod_ns, lost, {});
+  EXPECT_EQ(record.livePoses().at(11).status, io::FrameStatus::kLost);
+  EXPECT_EQ(record.livePoses().at(11).reason, "the carried pose is less certain than its limit");
 }
 
 TEST(RunRecord, AFrameWithoutAPoseHasNoLine) {

@@ -8,6 +8,7 @@
 
 #include "io/calibrations/calibration_file.h"
 #include "io/pictures/natural_marker_set.h"
+#include "io/settings/settings_file.h"
 #include "io/settings/slam_settings.h"
 #include "tools/natural/delayed_relocalizer.h"
 #include "tools/natural/recorded_late_results.h"
@@ -88,6 +89,21 @@ std::string calibrationName(const RunArguments& arguments) {
   return is_given ? "calib_learned.yml" : "calib.yml";
 }
 
+// A configuration's natural markers are the daemon's: here they would go unnoticed.
+void tellOfUnusedPictures(const RunArguments& arguments) {
+  const std::string& config = arguments.markers.config;
+  if (config.empty() || !arguments.natural.empty()) return;
+  const Result<std::string> text = io::readTextFile(config);
+  if (!text) return;
+  const io::SettingTexts said = io::settingTexts(*text);
+  const bool in_sections = said.contains("natural");
+  if (!in_sections && !said.contains("relocalizer.markers")) return;
+  std::fprintf(stderr,
+               "waymark: warning: %s: %s is not used here; --natural FILE.json gives natural "
+               "markers\n",
+               config.c_str(), in_sections ? "[[natural]]" : "relocalizer.markers");
+}
+
 // The natural markers of --natural: the SLAM is told of them, and somebody looks for them.
 Status addPictures(const std::string& file, RunSetup* setup) {
   if (file.empty()) return success();
@@ -103,6 +119,9 @@ Status addPictures(const std::string& file, RunSetup* setup) {
   Result<io::NaturalMarkerSet> set = io::readNaturalMarkers(file);
   if (!set) return set.error();
   for (const std::string& note : set->notes) std::fprintf(stderr, "waymark: %s\n", note.c_str());
+  if (const std::string alike = io::alikeNote(*set, file); !alike.empty()) {
+    std::fprintf(stderr, "waymark: warning: %s\n", alike.c_str());
+  }
   setup->options.natural.prints = io::printsOf(*set);
   if (const std::string reason = setup->options.invalidReason(); !reason.empty()) {
     return Error{file + ": " + reason};
@@ -140,6 +159,7 @@ Result<RunSetup> prepareRun(const RunArguments& arguments) {
                                           ? slamSettings(arguments.markers, recorded->settings)
                                           : slamSettings(arguments.markers);
   if (!settings) return settings.error();
+  tellOfUnusedPictures(arguments);
   // The configuration's own files are not there any more, or are not what they were.
   settings->map.localize_only =
       arguments.localize_only || (as_recorded && settings->map.localize_only);

@@ -35,7 +35,9 @@ Result<NaturalSetup> prepareNatural(const fs::path& configuration_file,
   if (configuration->natural.empty() && markers.empty()) return setup;
   Result<io::NaturalMarkerSet> set = readMarkers(configuration_file, *configuration);
   if (!set) return set.error();
+  const fs::path& said_in = markers.empty() ? configuration_file : markers;
   setup.notes = set->notes;
+  setup.alike = io::alikeNote(*set, said_in);
   setup.prints = io::formatPrints(io::printsOf(*set));
   Result<std::vector<slam::PicturePrint>> prints =
       io::parsePrints(setup.prints, configuration_file);
@@ -43,7 +45,7 @@ Result<NaturalSetup> prepareNatural(const fs::path& configuration_file,
   slam::Options& options = configuration->slam.options;
   options.natural.prints = std::move(*prints);
   if (const std::string reason = options.invalidReason(); !reason.empty()) {
-    return Error{(markers.empty() ? configuration_file : markers).string() + ": " + reason};
+    return Error{said_in.string() + ": " + reason};
   }
   setup.pictures = io::picturesOf(std::move(*set));
   return setup;

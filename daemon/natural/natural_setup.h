@@ -15,6 +15,7 @@ struct NaturalSetup {
   std::vector<slam::PosedNaturalMarker> pictures;  // for the relocalizer; none, and there is none
   std::string prints;                              // what the SLAM is told, for recordings
   std::vector<std::string> notes;                  // for the log
+  std::string alike;  // a warning for it: which pictures look alike; usually empty
 };
 
 // Reads the pictures of [[natural]] or of relocalizer.markers, and tells `configuration` what the

@@ -43,6 +43,7 @@ std::int8_t status(slam::TrackingState state) {
     case slam::TrackingState::kBridging:
       return pose_t::STATUS_BRIDGING;
     case slam::TrackingState::kRelocalizing:
+    case slam::TrackingState::kLost:  // the message has no word of its own for it: `reason` tells
       return pose_t::STATUS_RELOCALIZING;
   }
   return pose_t::STATUS_INITIALIZING;

@@ -107,6 +107,12 @@ TEST(PoseMessage, WithoutPoseSaysWhyAndHowOldAndKeepsNothingOfTheLast) {
   fillPose(record, {}, message);
   EXPECT_FALSE(message.had_pose);
   EXPECT_EQ(message.last_pose_age_ns, 0);
+
+  record.state = slam::TrackingState::kLost;
+  record.reason = slam::NoPoseReason::kCarriedTooUncertain;
+  fillPose(record, 5'000, message);
+  EXPECT_EQ(message.status, pose_t::STATUS_RELOCALIZING) << "it has no status of its own for that";
+  EXPECT_EQ(message.reason, "the carried pose is less certain than its limit");
 }
 
 TEST(PoseMessage, NoCameraNamesTheCauseAndKeepsTheSequence) {

@@ -11,6 +11,7 @@
 #include "io/pictures/feature_cache.h"
 #include "io/text/number_text.h"
 #include "io/text/text_file.h"
+#include "slam/natural/pictures/alike_pictures.h"
 #include "slam/natural/pictures/picture_points.h"
 
 namespace waymark::io {
@@ -51,6 +52,14 @@ Result<ImageFile> readImage(const fs::path& path) {
   return file;
 }
 
+// Empty where not much of a picture was left out.
+std::string reducedNote(const ImageFile& image, const slam::NaturalMarker& marker) {
+  const auto& kept = marker.grey().level(0);
+  if (kept.width >= image.grey.cols / 4) return {};
+  return "has " + sizeText(image.grey.cols, image.grey.rows) + " pixels, of which " +
+         sizeText(kept.width, kept.height) + " are used";
+}
+
 FeatureCache readCache(const fs::path& markers) {
   const Result<std::string> bytes = readTextFile(featureCachePath(markers), kMostCacheBytes);
   return bytes ? parseFeatureCache(*bytes) : FeatureCache{};
@@ -58,14 +67,15 @@ FeatureCache readCache(const fs::path& markers) {
 
 }  // namespace
 
-Result<slam::NaturalMarker> readNaturalMarker(const fs::path& image, double width_m,
-                                              double height_m,
-                                              const slam::NaturalMarkerOptions& options) {
+Result<NaturalPicture> readNaturalMarker(const fs::path& image, double width_m, double height_m,
+                                         const slam::NaturalMarkerOptions& options) {
   const Result<ImageFile> file = readImage(image);
   if (!file) return file.error();
   auto marker = slam::NaturalMarker::create(file->view(), width_m, height_m, options);
   if (!marker) return Error{image.string() + ": " + marker.error().message};
-  return marker;
+  std::string note = reducedNote(*file, *marker);
+  if (!note.empty()) note = image.string() + ": " + note;
+  return NaturalPicture{std::move(*marker), featureKey(file->bytes, options), std::move(note)};
 }
 
 Result<NaturalMarkerSet> readNaturalMarkers(const fs::path& file,
@@ -103,19 +113,32 @@ Result<NaturalMarkerSet> readNaturalMarkers(std::vector<NaturalMarkerEntry> entr
     if (!marker) return Error{place + picture + ": " + marker.error().message};
     if (cached == cache.end()) ++set.computed;
     next[key] = marker->features();
-    const auto& kept = marker->grey().level(0);
-    if (kept.width < image->grey.cols / 4) {
-      set.notes.push_back(place + picture + ": has " +
-                          sizeText(image->grey.cols, image->grey.rows) + " pixels, of which " +
-                          sizeText(kept.width, kept.height) + " are used");
-    }
+    const std::string note = reducedNote(*image, *marker);
+    if (!note.empty()) set.notes.push_back(place + picture + ": " + note);
     set.markers.push_back(std::move(*marker));
+    set.keys.push_back(key);
   }
   // A folder that cannot be written to only costs time.
   if (set.computed > 0 || next.size() != cache.size()) {
     (void)writeTextFile(featureCachePath(file), formatFeatureCache(next));
   }
   return set;
+}
+
+std::string alikeNote(const NaturalMarkerSet& set, const fs::path& file) {
+  const std::vector<slam::AlikePictures> pairs = slam::findAlike(set.markers);
+  if (pairs.empty()) return {};
+  const auto nameOf = [&](int place) {
+    return "'" + oneLine(set.entries[static_cast<std::size_t>(place)].name) + "'";
+  };
+  const slam::AlikePictures& first = pairs.front();
+  std::string note = file.string() + ": " + nameOf(first.first) + " and " + nameOf(first.second) +
+                     " look alike (" + fixed(100.0 * first.share, 0) + " % of the features)";
+  if (pairs.size() > 1) {
+    note += ", and " + std::to_string(pairs.size() - 1) + " other " +
+            (pairs.size() > 2 ? "pairs" : "pair");
+  }
+  return note + ": where an image does not tell which it is, neither is used";
 }
 
 std::vector<slam::PicturePrint> printsOf(const NaturalMarkerSet& set) {

@@ -1,6 +1,7 @@
 // The natural markers of a file, with their pictures read and their features at hand.
 #pragma once
 
+#include <cstdint>
 #include <filesystem>
 #include <string>
 #include <vector>
@@ -12,16 +13,23 @@
 
 namespace waymark::io {
 
+struct NaturalPicture {
+  slam::NaturalMarker marker;
+  std::uint64_t key = 0;  // of the image: two with one key are the same picture
+  std::string note;       // what users should know: that it was reduced; usually empty
+};
+
 struct NaturalMarkerSet {
   std::vector<NaturalMarkerEntry> entries;
   std::vector<slam::NaturalMarker> markers;  // one for each entry
+  std::vector<std::uint64_t> keys;           // the same, as NaturalPicture's
   // What users should know, a line each: pictures that were reduced.
   std::vector<std::string> notes;
   int computed = 0;  // features that were not in the cache
 };
 
 // One picture of a file. The Error is one line: it names the picture and what is wrong with it.
-[[nodiscard]] Result<slam::NaturalMarker> readNaturalMarker(
+[[nodiscard]] Result<NaturalPicture> readNaturalMarker(
     const std::filesystem::path& image, double width_m, double height_m,
     const slam::NaturalMarkerOptions& options = {});
 
@@ -34,6 +42,10 @@ struct NaturalMarkerSet {
 [[nodiscard]] Result<NaturalMarkerSet> readNaturalMarkers(
     std::vector<NaturalMarkerEntry> entries, const std::filesystem::path& file,
     const slam::NaturalMarkerOptions& options = {});
+
+// One line for who starts with them: that some look alike, of which none is used where the image
+// does not tell which it is. Empty when none do. Takes some milliseconds a picture.
+[[nodiscard]] std::string alikeNote(const NaturalMarkerSet& set, const std::filesystem::path& file);
 
 // What the SLAM is told of them, and what its relocalizer looks for.
 [[nodiscard]] std::vector<slam::PicturePrint> printsOf(const NaturalMarkerSet& set);

@@ -117,5 +117,43 @@ TEST_F(NaturalMarkerSetTest, LargePicturesAreReducedAndSaySo) {
   EXPECT_NE(set->notes[0].find("8000x6000"), std::string::npos) << set->notes[0];
 }
 
+TEST_F(NaturalMarkerSetTest, OnePictureSaysWhatOfItIsUsedAndWhichItIs) {
+  cv::Mat large;
+  cv::resize(scribbles(5), large, cv::Size(8000, 2000));
+  save("large.jpg", large);
+  save("small.png", scribbles(5));
+  save("copy.png", scribbles(5));
+  const auto large_one = readNaturalMarker(directory_ / "large.jpg", 2.0, 0.0);
+  const auto small = readNaturalMarker(directory_ / "small.png", 0.3, 0.0);
+  const auto copy = readNaturalMarker(directory_ / "copy.png", 0.4, 0.0);
+  ASSERT_TRUE(large_one && small && copy);
+  EXPECT_NE(large_one->note.find("large.jpg: has 8000x2000 pixels, of which 512x128 are used"),
+            std::string::npos)
+      << large_one->note;
+  EXPECT_EQ(small->note, "");
+  EXPECT_EQ(small->key, copy->key);
+  EXPECT_NE(small->key, large_one->key);
+  const auto set = readNaturalMarkers(file({"large.jpg", "small.png"}));
+  ASSERT_TRUE(set) << set.error().message;
+  EXPECT_EQ(set->keys, (std::vector<std::uint64_t>{large_one->key, small->key}));
+}
+
+TEST_F(NaturalMarkerSetTest, PicturesThatLookAlikeAreToldInOneLine) {
+  save("a.png", scribbles(1));
+  save("b.png", scribbles(2));
+  cv::Mat mixed = scribbles(1);
+  scribbles(2).colRange(250, 400).copyTo(mixed.colRange(250, 400));
+  save("mixed.png", mixed);
+  const auto noteOf = [this](const std::vector<std::string>& images) {
+    named_ = 0;
+    const auto set = readNaturalMarkers(file(images));
+    return set ? alikeNote(*set, "n.json") : set.error().message;
+  };
+  EXPECT_EQ(noteOf({"a.png", "b.png"}), "");
+  const std::string note = noteOf({"a.png", "b.png", "mixed.png"});
+  EXPECT_EQ(note.find("n.json: '1' and '3' look alike ("), 0U) << note;
+  EXPECT_EQ(note.find('\n'), std::string::npos) << note;
+}
+
 }  // namespace
 }  // namespace waymark::io

@@ -79,7 +79,7 @@ PoseIntegrator::PoseIntegrator(const NaturalOptions& options, const CameraModel&
 }
 
 bool PoseIntegrator::follow(std::int64_t time_ns, const ImageView& image, const PoseEstimate& pose,
-                            bool begins, std::span<const KnownMarker> markers) {
+                            Beginning beginning, std::span<const KnownMarker> markers) {
   const bool features_knew = bridging_ || fused_;
   fused_.reset();
   arrival_.reset();
@@ -97,15 +97,19 @@ bool PoseIntegrator::follow(std::int64_t time_ns, const ImageView& image, const 
   contradictions_ = 0;
   if (isIdle(time_ns, markers.size())) filter_->reset();
   const bool goes_on = running();
+  const bool are_few = static_cast<int>(markers.size()) <= options_.integrator.max_markers;
   if (!goes_on) {
     bridging_ = false;
-    if (!begins || static_cast<int>(markers.size()) > options_.integrator.max_markers) return true;
+    if (!are_few || beginning == Beginning::kAmbiguous) return true;
+    if (beginning == Beginning::kOutside) {
+      ++counters_->starts_outside;
+      return true;
+    }
     start(time_ns, pose);
   }
   if (goes_on && bridging_) arrival_ = filter_->pose();
   const VisualUpdate update = filter_->update(image, camera_, markers);
   counters_->wary_frames += update.wary ? 1 : 0;
-  const bool are_few = static_cast<int>(markers.size()) <= options_.integrator.max_markers;
   if (goes_on && are_few) fused_ = fusedPose(pose, update);
   last_seen_ns_ = time_ns;
   bridging_ = false;
@@ -160,7 +164,7 @@ std::optional<VisualUpdate> PoseIntegrator::look(std::int64_t time_ns, const Ima
 
 std::optional<PoseEstimate> PoseIntegrator::bridge(std::int64_t time_ns, const ImageView& image,
                                                    std::span<const UnplacedMarker> unplaced) {
-  bridging_ = false;
+  bridging_ = too_uncertain_ = false;
   fused_.reset();
   advance(time_ns);
   if (!running()) return std::nullopt;
@@ -173,7 +177,12 @@ std::optional<PoseEstimate> PoseIntegrator::bridge(std::int64_t time_ns, const I
   FilteredPose pose = *placed;
   pose.covariance += contradiction_;
   const double blind_s = secondsBetween(last_seen_ns_, time_ns);
-  if (blind_s > options_.integrator.max_prediction_s || isTooUncertain(pose)) return std::nullopt;
+  if (blind_s > options_.integrator.max_prediction_s) return std::nullopt;
+  too_uncertain_ = isTooUncertain(pose);
+  if (too_uncertain_) {
+    ++counters_->uncertain_frames;
+    return std::nullopt;
+  }
   bridging_ = seen;
   ++(seen ? counters_->bridged_frames : counters_->predicted_frames);
   PoseEstimate estimate;

@@ -38,10 +38,10 @@ struct PoseIntegratorOptions {
   double max_prediction_s = 0.2;
   // Without a frame for so long, seconds, the filter is given up: the motion says nothing any more.
   double max_pause_s = 1.0;
-  // A pose that is less certain than this at three standard deviations, metres and radians, is
-  // none: better lost than lying.
+  // A pose that is less certain than this at three standard deviations, metres and radians (ten
+  // degrees), is none: better lost than lying.
   double max_error_m = 0.5;
-  double max_error_rad = 0.17;
+  double max_error_rad = 0.1745;
   // So long, seconds, features are looked for where nothing is seen: in the dark, or behind what is
   // in the way. Then the filter is given up.
   double max_blind_s = 2.0;
@@ -80,6 +80,13 @@ struct NaturalOptions {
 
   // Empty when usable, else what is wrong.
   [[nodiscard]] std::string invalidReason() const;
+};
+
+// Whether the filter may begin at a frame's markers, where there is none.
+enum class Beginning : std::uint8_t {
+  kAllowed,
+  kAmbiguous,  // the pose is one of two that nothing has decided between
+  kOutside,    // no marker is where in the image the options want one
 };
 
 enum class LateOutcome : std::uint8_t {
@@ -123,11 +130,10 @@ class PoseIntegrator {
   }
 
   // A frame with a pose from these markers, all of which fit it. image: of the camera's size, or
-  // empty. begins: the filter may begin at it, if there is none; not where it is one of two poses
-  // that nothing has decided between. False while the markers contradict a filter that the last
-  // pose was from, alone or fused(): then the frame is to be bridged.
+  // empty. False while the markers contradict a filter that the last pose was from, alone or
+  // fused(): then the frame is to be bridged.
   [[nodiscard]] bool follow(std::int64_t time_ns, const ImageView& image, const PoseEstimate& pose,
-                            bool begins, std::span<const KnownMarker> markers);
+                            Beginning beginning, std::span<const KnownMarker> markers);
   // Of the last frame, where it was follow()ed: its pose from features and markers together, in
   // place of the markers' alone. Empty where the filter has only begun, or knows no better, and
   // with more markers than features are followed for.
@@ -140,6 +146,8 @@ class PoseIntegrator {
   // place for.
   [[nodiscard]] std::optional<PoseEstimate> bridge(std::int64_t time_ns, const ImageView& image,
                                                    std::span<const UnplacedMarker> unplaced = {});
+  // Of the last bridge(): there was a pose, less certain than the options allow.
+  [[nodiscard]] bool tooUncertain() const { return too_uncertain_; }
 
   // After follow() or bridge(): the frame's camera may be spoken of later. Where nothing is
   // followed and the frame has no pose, features are followed from here on, adrift: without a place
@@ -217,10 +225,11 @@ class PoseIntegrator {
   std::optional<VisualFilter> filter_;
   std::optional<PoseEstimate> fused_;
   std::optional<FilteredPose> arrival_;
-  std::int64_t time_ns_ = 0;             // of the filter
-  std::int64_t few_markers_ns_ = 0;      // the last frame with at most max_markers
-  std::int64_t last_seen_ns_ = 0;        // the last frame that markers or features saw
-  bool bridging_ = false;                // the last frame's pose was from features
+  std::int64_t time_ns_ = 0;         // of the filter
+  std::int64_t few_markers_ns_ = 0;  // the last frame with at most max_markers
+  std::int64_t last_seen_ns_ = 0;    // the last frame that markers or features saw
+  bool bridging_ = false;            // the last frame's pose was from features
+  bool too_uncertain_ = false;
   int contradictions_ = 0;               // frames in succession
   int at_odds_ = 0;                      // the same, of giveUpIfAtOdds()
   bool adrift_ = false;                  // the filter has no place in the world yet

@@ -2,95 +2,17 @@
 
 #include <algorithm>
 #include <cmath>
-#include <random>
 #include <vector>
 
+#include <Eigen/Cholesky>
 #include <gtest/gtest.h>
 
-#include "slam/camera_pose/pose_optimizer.h"
-#include "slam/natural/filter/testing_textured_wall.h"
-#include "slam/testing/synthetic.h"
+#include "slam/natural/testing_pose_integrator.h"
 
 namespace waymark::slam {
 namespace {
 
-constexpr double kRate_hz = 30.0;
-
-// A camera on the dolly before a textured wall with one marker, and the integrator's frames.
-class PoseIntegratorTest : public ::testing::Test {
- protected:
-  struct Frame {
-    std::optional<PoseEstimate> pose;  // as published
-    bool followed = false;             // its markers were believed
-  };
-  enum class See { kAll, kWallOnly, kNothing };
-
-  void SetUp() override {
-    options_.enabled = true;
-    dolly_.seed = 3;
-  }
-
-  // offset_m: how far the marker seems to be from where it is.
-  Frame step(See see, double offset_m = 0.0) {
-    if (!integrator_) integrator_.emplace(options_, camera_, &counters_);
-    const double t = frame_ / kRate_hz;
-    truth_ = dolly_.at(t);
-    wall_.render(camera_, truth_, 2.0, static_cast<unsigned>(frame_), &pixels_);
-    if (see == See::kNothing) std::fill(pixels_.begin(), pixels_.end(), std::uint8_t{5});
-    const ImageView image{pixels_.data(), camera_.width(), camera_.height(), camera_.width()};
-    const auto time_ns = static_cast<std::int64_t>(1e9 * t);
-    ++frame_;
-    if (see != See::kAll) return {bridge(time_ns, image), false};
-    const auto seen = testing::observe(camera_, truth_, 7, marker_, kSize_m, 0.1, &rng_);
-    EXPECT_TRUE(seen);
-    Transform believed = marker_;
-    believed.p.x() += offset_m;
-    const KnownMarker known =
-        testing::knownMarker(*seen, believed, kSize_m, Matrix6d::Identity() * 1e-8);
-    Transform start = truth_;
-    start.p.x() += offset_m;
-    const auto solution = optimizer_.optimize({&known, 1}, start);
-    EXPECT_TRUE(solution);
-    PoseEstimate pose;
-    pose.T_w_c = solution->T_w_c;
-    pose.covariance = pose.view_covariance = solution->covariance;
-    pose.source = PoseSource::kMarkers;
-    const std::vector<KnownMarker> markers(static_cast<std::size_t>(markers_in_view_), known);
-    if (integrator_->follow(time_ns, image, pose, true, markers)) return {pose, true};
-    return {integrator_->bridge(time_ns, image), false};
-  }
-  std::optional<PoseEstimate> bridge(std::int64_t time_ns, const ImageView& image) {
-    const auto seen = unplaced_
-                          ? testing::observe(camera_, truth_, 8, *unplaced_, kSize_m, 0.1, &rng_)
-                          : std::nullopt;
-    if (!seen) return integrator_->bridge(time_ns, image);
-    const UnplacedMarker marker = unplacedMarker(*seen, kSize_m, camera_.focalLength(), {});
-    return integrator_->bridge(time_ns, image, {&marker, 1});
-  }
-  // With the marker in view.
-  void begin(int frames = 20) {
-    for (int i = 0; i < frames; ++i) ASSERT_TRUE(step(See::kAll).followed);
-  }
-  [[nodiscard]] double error_m(const PoseEstimate& pose) const {
-    return (pose.T_w_c.p - truth_.p).norm();
-  }
-
-  static constexpr double kSize_m = 0.2;
-  CameraModel camera_{testing::wideCalibration(320, 240)};
-  testing::TexturedWall wall_{3};
-  testing::Dolly dolly_;
-  PoseOptimizer optimizer_{camera_.focalLength(), {}};
-  Transform marker_ = testing::markerFacing({0.0, -0.005, 0.1}, {0.0, -1.0, 0.1});
-  std::optional<Transform> unplaced_;  // a marker that no map knows, in frames without the other
-  std::mt19937 rng_{3};
-  NaturalOptions options_;
-  Counters counters_;
-  std::optional<PoseIntegrator> integrator_;
-  std::vector<std::uint8_t> pixels_;
-  Transform truth_;
-  int frame_ = 0;
-  int markers_in_view_ = 1;
-};
+using testing::PoseIntegratorTest;
 
 TEST_F(PoseIntegratorTest, NothingWithoutAStartFromMarkers) {
   EXPECT_FALSE(step(See::kWallOnly).pose);
@@ -163,13 +85,18 @@ TEST_F(PoseIntegratorTest, GivesUpRatherThanLie) {
   options_.integrator.max_prediction_s = 10.0;
   begin();
   int posed = 0;
+  int uncertain = 0;
   for (int i = 0; i < 75; ++i) {
     const Frame frame = step(See::kNothing);
+    uncertain += integrator_->tooUncertain() ? 1 : 0;
     if (!frame.pose) continue;
     ++posed;
     EXPECT_LE(3.0 * std::sqrt(frame.pose->covariance.topLeftCorner<3, 3>().trace()), 0.5);
   }
   EXPECT_LT(posed, 30);
+  EXPECT_GT(uncertain, 0);
+  EXPECT_LT(posed + uncertain, 75) << "after max_blind_s there is nothing to be uncertain of";
+  EXPECT_EQ(counters_.uncertain_frames, static_cast<std::uint64_t>(uncertain));
   EXPECT_FALSE(step(See::kWallOnly).pose) << "once given up, it takes markers to begin again";
 }
 
@@ -246,261 +173,26 @@ TEST_F(PoseIntegratorTest, ManyMarkersLeaveItIdle) {
   EXPECT_FALSE(step(See::kWallOnly).pose);
 }
 
+TEST_F(PoseIntegratorTest, MarkersOutsideTheLimitsBeginNothingAndAreCounted) {
+  beginning_ = Beginning::kOutside;
+  begin(10);
+  EXPECT_EQ(counters_.starts_outside, 10U);
+  EXPECT_FALSE(step(See::kWallOnly).pose);
+  beginning_ = Beginning::kAmbiguous;
+  begin(10);
+  EXPECT_EQ(counters_.starts_outside, 10U) << "these are refused for another reason";
+  beginning_ = Beginning::kAllowed;
+  begin(10);
+  beginning_ = Beginning::kOutside;
+  begin(10);
+  EXPECT_EQ(counters_.starts_outside, 10U) << "what has begun goes on";
+  EXPECT_TRUE(step(See::kWallOnly).pose);
+}
+
 TEST_F(PoseIntegratorTest, OffItIsNotThere) {
   options_.enabled = false;
   begin(2);
   EXPECT_FALSE(step(See::kWallOnly).pose);
-}
-
-// Frames of a picture's surface alone, every fifth of which is looked at elsewhere, with an answer
-// five frames later; the camera moves on meanwhile.
-class StartFromPictureTest : public PoseIntegratorTest {
- protected:
-  struct Awaited {
-    int frame = 0;
-    Transform T_w_c;
-  };
-
-  // What is said of an awaited frame.
-  [[nodiscard]] LatePose answer() const {
-    const auto fix = [&](const Transform& T_w_c) {
-      return LateFix{static_cast<std::uint64_t>(awaited_->frame), T_w_c,
-                     sigma_ * sigma_ * Matrix6d::Identity()};
-    };
-    LatePose pose{.fix = fix(awaited_->T_w_c), .decided = decided_, .begins = begins_};
-    if (other_rad_ == 0.0) return pose;
-    pose.other = fix(turnedAboutPicture(awaited_->T_w_c, other_rad_));
-    if (flipped_) std::swap(pose.fix, *pose.other);
-    if (!tell_other_) pose.other.reset();
-    return pose;
-  }
-  [[nodiscard]] Transform turnedAboutPicture(const Transform& T_w_c, double angle_rad) const {
-    Transform turn;
-    turn.R = Eigen::AngleAxisd(angle_rad, Eigen::Vector3d::UnitZ()).toRotationMatrix();
-    const Eigen::Vector3d middle(-0.5, 0.0, 0.0);
-    turn.p = middle - turn.R * middle;
-    return turn * T_w_c;
-  }
-
-  // answers: whether the one looked at was found.
-  std::optional<PoseEstimate> stepAwaited(bool answers) {
-    constexpr int kFramesPerLook = 5;
-    if (awaited_ && frame_ % kFramesPerLook == 0 && answers) {
-      outcome_ = integrator_->late(answer(), points_w_);
-    }
-    const int number = frame_;
-    const auto pose = step(See::kWallOnly).pose;
-    if (number % kFramesPerLook == 0) {
-      const ImageView image{pixels_.data(), camera_.width(), camera_.height(), camera_.width()};
-      integrator_->await(static_cast<std::uint64_t>(number),
-                         static_cast<std::int64_t>(1e9 * number / kRate_hz), image,
-                         pose.has_value());
-      awaited_ = {number, truth_};
-    }
-    return pose;
-  }
-  void expectRight(const PoseEstimate& pose, double limit_m = 0.05) const {
-    EXPECT_LT(error_m(pose), limit_m) << frame_;
-    const Vector6d e = pose.T_w_c.localCoordinates(truth_);
-    EXPECT_LT(e.dot(pose.covariance.ldlt().solve(e)), 30.0) << frame_;
-  }
-
-  // Of a poster on the wall.
-  std::vector<Eigen::Vector3d> points_w_ = [] {
-    std::vector<Eigen::Vector3d> points;
-    for (const double x : {-0.2, -0.07, 0.07, 0.2}) {
-      for (const double z : {-0.2, 0.0, 0.2}) points.emplace_back(x - 0.5, 0.0, z);
-    }
-    return points;
-  }();
-  double sigma_ = 0.002;    // of what is said of a frame, metres and radians
-  double other_rad_ = 0.0;  // how far the plane's other pose is turned; 0: there is none
-  bool flipped_ = false;    // the other one is taken for the right one
-  bool tell_other_ = true;  // it is said that there are two
-  bool decided_ = true;
-  bool begins_ = true;  // the picture is within the limits of the image
-  std::optional<Awaited> awaited_;
-  LateOutcome outcome_ = LateOutcome::kUnknown;
-};
-
-TEST_F(StartFromPictureTest, BeginsWhereTwoViewsTellTheWayBetweenThem) {
-  bool noted = false;
-  bool begun = false;
-  int posed = 0;
-  for (int i = 0; i < 60; ++i) {
-    const auto pose = stepAwaited(true);
-    noted = noted || outcome_ == LateOutcome::kNoted;
-    begun = begun || outcome_ == LateOutcome::kStarted;
-    EXPECT_TRUE(noted || !begun) << "one view says nothing of how far the camera has gone since";
-    if (!pose) continue;
-    expectRight(*pose, begun ? 0.05 : 0.15);  // the scale is a guess until then
-    ++posed;
-  }
-  EXPECT_GT(posed, 40);
-}
-
-TEST_F(StartFromPictureTest, GoesOnRightWhenThePictureIsGone) {
-  bool begun = false;
-  int posed = 0;
-  for (int i = 0; i < 75; ++i) {
-    const auto pose = stepAwaited(i < 20);
-    begun = begun || outcome_ == LateOutcome::kStarted;
-    if (!pose) continue;
-    // The scale is a guess, then from four views of 2 mm within 0.2 m; the way is 1 m.
-    expectRight(*pose, begun ? 0.12 : 0.15);
-    ++posed;
-  }
-  EXPECT_GT(posed, 50);
-}
-
-// So few cameras are remembered that the first answer's is forgotten before the next one comes.
-TEST_F(StartFromPictureTest, BeginsAlsoAfterALongTimeWithoutAnAnswer) {
-  for (int i = 0; i < 8; ++i) (void)stepAwaited(true);
-  ASSERT_EQ(outcome_, LateOutcome::kNoted);
-  for (int i = 0; i < 30; ++i) (void)stepAwaited(false);
-  bool begun = false;
-  for (int i = 0; i < 25; ++i) {
-    const auto pose = stepAwaited(true);
-    begun = begun || outcome_ == LateOutcome::kStarted;
-    if (!pose) continue;
-    EXPECT_GT(pose->ambiguity_ratio, 1.0) << "a picture's other pose has been refuted";
-    if (begun) expectRight(*pose);
-  }
-  EXPECT_TRUE(begun);
-}
-
-TEST_F(StartFromPictureTest, OneViewIsEnoughWhereTheCameraHardlyMoves) {
-  dolly_.speed_m_per_s = 0.05;
-  std::vector<LateOutcome> outcomes;
-  for (int i = 0; i < 12; ++i) {
-    const auto pose = stepAwaited(true);
-    if (pose) expectRight(*pose);
-    outcomes.push_back(outcome_);
-  }
-  EXPECT_EQ(std::ranges::count(outcomes, LateOutcome::kNoted), 0);
-  EXPECT_GT(std::ranges::count(outcomes, LateOutcome::kStarted), 0);
-}
-
-// Its place is known, and better than the picture says: that this says another is noticed all the
-// same.
-TEST_F(StartFromPictureTest, APoseThatPicturesContradictIsGivenUp) {
-  for (int i = 0; i < 30; ++i) (void)stepAwaited(true);
-  sigma_ = 0.02;
-  for (int i = 0; i < 10; ++i) (void)stepAwaited(true);
-  ASSERT_EQ(outcome_, LateOutcome::kKnown);
-  Transform moved;
-  moved.p = {0.3, 0.0, 0.0};
-  integrator_->moveWorld(moved);  // it is wrong by now
-  int refused = 0;
-  bool begun = false;
-  for (int i = 0; i < 60; ++i) {
-    outcome_ = LateOutcome::kUnknown;
-    const auto pose = stepAwaited(true);
-    if (outcome_ == LateOutcome::kRefused) ++refused;
-    begun = begun || outcome_ == LateOutcome::kStarted;
-    if (begun && pose) expectRight(*pose, 0.1);  // the pictures say 35 mm
-  }
-  EXPECT_EQ(refused, options_.integrator.witnesses - 1);
-  EXPECT_TRUE(begun);
-}
-
-TEST_F(StartFromPictureTest, WhileAPictureContradictsEitherMayBeRight) {
-  for (int i = 0; i < 40; ++i) (void)stepAwaited(true);
-  Transform moved;
-  moved.p = {0.12, 0.0, 0.0};
-  integrator_->moveWorld(moved);  // it is wrong by now
-  int doubted = 0;
-  outcome_ = LateOutcome::kUnknown;
-  for (int i = 0; i < 60 && outcome_ != LateOutcome::kStarted; ++i) {
-    const auto pose = stepAwaited(true);
-    if (outcome_ != LateOutcome::kRefused) continue;
-    ASSERT_TRUE(pose);
-    const Vector6d e = pose->T_w_c.localCoordinates(truth_);
-    EXPECT_GT(e.head<3>().norm(), 0.08);
-    EXPECT_LT(e.dot(pose->covariance.ldlt().solve(e)), 16.8) << "99 % of chi-square of 6";
-    ++doubted;
-  }
-  EXPECT_GE(doubted, 5);
-  EXPECT_EQ(outcome_, LateOutcome::kStarted);
-}
-
-// A picture that is small and far: of its two poses, 50 mrad apart, now the one and now the other
-// looks better, and is said to be surely the right one.
-TEST_F(StartFromPictureTest, APoseThatAgreesWithAPicturesOtherOneIsKept) {
-  for (int i = 0; i < 40; ++i) (void)stepAwaited(true);
-  other_rad_ = 0.05;
-  int posed = 0;
-  for (int i = 0; i < 45; ++i) {
-    flipped_ = i % 15 < 10;
-    outcome_ = LateOutcome::kUnknown;
-    const auto pose = stepAwaited(true);
-    EXPECT_NE(outcome_, LateOutcome::kStarted) << i;
-    EXPECT_NE(outcome_, LateOutcome::kRefused) << i;
-    if (!pose) continue;
-    expectRight(*pose);
-    ++posed;
-  }
-  EXPECT_EQ(posed, 45);
-}
-
-// Nobody says that there are two: contradictions that contradict each other are no witnesses, until
-// there have been too many of them.
-TEST_F(StartFromPictureTest, WitnessesMustAgree) {
-  for (int i = 0; i < 40; ++i) (void)stepAwaited(true);
-  tell_other_ = false;
-  flipped_ = true;
-  int refused = 0;
-  for (int i = 0; i < 25; ++i) {
-    other_rad_ = i % 10 < 5 ? 0.05 : -0.05;
-    outcome_ = LateOutcome::kUnknown;
-    const auto pose = stepAwaited(true);
-    EXPECT_NE(outcome_, LateOutcome::kStarted) << i;
-    if (outcome_ == LateOutcome::kRefused) ++refused;
-    if (pose) expectRight(*pose);
-  }
-  EXPECT_GT(refused, options_.integrator.witnesses);
-}
-
-// It tells who has a pose already how wrong that may be, but not where to begin.
-TEST_F(StartFromPictureTest, NothingBeginsAtAPictureThatIsOutsideTheLimits) {
-  begins_ = false;
-  for (int i = 0; i < 40; ++i) EXPECT_FALSE(stepAwaited(true));
-  EXPECT_EQ(outcome_, LateOutcome::kOutside);
-  begins_ = true;
-  for (int i = 0; i < 40; ++i) (void)stepAwaited(true);
-  begins_ = false;
-  Transform moved;
-  moved.p = {0.3, 0.0, 0.0};
-  integrator_->moveWorld(moved);  // it is wrong by now
-  int refused = 0;
-  for (int i = 0; i < 60; ++i) {
-    outcome_ = LateOutcome::kUnknown;
-    (void)stepAwaited(true);
-    EXPECT_NE(outcome_, LateOutcome::kStarted) << i;
-    if (outcome_ == LateOutcome::kRefused) ++refused;
-  }
-  EXPECT_GT(refused, 2 * options_.integrator.witnesses);
-}
-
-TEST_F(StartFromPictureTest, AnOpenPoseIsOfUseToWhoKnowsBetterOnly) {
-  decided_ = false;
-  other_rad_ = 0.05;
-  for (int i = 0; i < 40; ++i) EXPECT_FALSE(stepAwaited(true)) << "nothing tells which it is";
-  EXPECT_EQ(outcome_, LateOutcome::kOpen);
-  decided_ = true;
-  for (int i = 0; i < 40; ++i) (void)stepAwaited(true);
-  ASSERT_TRUE(outcome_ == LateOutcome::kUsed || outcome_ == LateOutcome::kKnown);
-  // Then of either the right one is taken.
-  decided_ = false;
-  sigma_ = 0.0005;
-  for (int i = 0; i < 10; ++i) {
-    flipped_ = i >= 5;
-    outcome_ = LateOutcome::kUnknown;
-    const auto pose = stepAwaited(true);
-    if (i % 5 == 0) EXPECT_EQ(outcome_, LateOutcome::kUsed) << i;
-    ASSERT_TRUE(pose);
-    expectRight(*pose);
-  }
 }
 
 TEST(NaturalOptions, WhatCannotWorkIsTold) {

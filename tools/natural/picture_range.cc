@@ -2,6 +2,9 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstddef>
+#include <cstdint>
+#include <functional>
 #include <memory>
 #include <numbers>
 #include <utility>
@@ -70,6 +73,63 @@ double nearestWhole(const slam::NaturalMarker& marker, const slam::Calibration& 
                   camera.fy * marker.height_m() / (kPart * camera.height));
 }
 
+// A part of an image, and the camera that takes just that.
+struct Window {
+  ImageView image;
+  slam::Calibration camera;
+};
+
+// Around the print: local features of a whole image take most of the time, and the wall has none.
+Window windowAround(const slam::NaturalMarker& marker, const slam::Transform& T_c_p,
+                    const ImageView& image, const slam::Calibration& calibration) {
+  constexpr int kMargin_px = 48;  // what the features at the print's edges are told by
+  const slam::CameraModel camera(calibration);
+  Eigen::Vector2d low(image.width, image.height);
+  Eigen::Vector2d high(-1.0, -1.0);
+  for (const double x : {-0.5, 0.5}) {
+    for (const double y : {-0.5, 0.5}) {
+      const Eigen::Vector3d corner(x * marker.width_m(), y * marker.height_m(), 0.0);
+      const auto pixel = camera.project(T_c_p * corner);
+      if (!pixel) return {image, calibration};
+      low = low.cwiseMin(*pixel);
+      high = high.cwiseMax(*pixel);
+    }
+  }
+  const auto within = [](double at, int size) {
+    return static_cast<int>(std::clamp(at, 0.0, static_cast<double>(size)));
+  };
+  const int left = within(low.x() - kMargin_px, image.width);
+  const int top = within(low.y() - kMargin_px, image.height);
+  const int right = within(high.x() + kMargin_px, image.width);
+  const int bottom = within(high.y() + kMargin_px, image.height);
+  if (left >= right || top >= bottom) return {image, calibration};
+  Window window{image, calibration};
+  window.image.data = image.row(top) + left;
+  window.image.width = window.camera.width = right - left;
+  window.image.height = window.camera.height = bottom - top;
+  window.camera.cx -= left;
+  window.camera.cy -= top;
+  return window;
+}
+
+// Of first to last, the last one that is found, the first one being found and each one after one
+// that is not found being not found either: by strides, then by halves.
+int lastFound(int first, int last, const std::function<bool(int)>& isFound) {
+  constexpr int kStride = 4;
+  int yes = first;
+  int no = last + 1;
+  const auto ask = [&](int k) {
+    if (isFound(k)) {
+      yes = k;
+    } else {
+      no = k;
+    }
+  };
+  while (yes + kStride < no) ask(yes + kStride);
+  while (no - yes > 1) ask(yes + (no - yes) / 2);
+  return yes;
+}
+
 }  // namespace
 
 slam::Calibration ordinaryCamera() {
@@ -81,7 +141,6 @@ std::vector<PictureRange> pictureRange(const slam::NaturalMarker& marker, int pl
                                        slam::PictureFinder* finder,
                                        const PictureRangeOptions& options) {
   const simulator::Options ordinary;
-  const slam::CameraModel camera(calibration);
   auto renderer = simulator::Renderer::create(sceneOf(marker, calibration), 1,
                                               simulator::Sensor::blurRadius(ordinary) + 1);
   if (!renderer) return {};
@@ -96,24 +155,30 @@ std::vector<PictureRange> pictureRange(const slam::NaturalMarker& marker, int pl
     const slam::Transform T_c_p = viewFrom(distance_m, tilt_deg);
     renderer->render({{T_c_p.inverse()}}, {}, &workspace);
     sensor.develop(workspace.radiance, 1.0F, frame++, &sensor_workspace, pixels.data());
-    const slam::PictureSearch search = finder->find(image, camera);
-    return std::any_of(search.found.begin(), search.found.end(), [&](const auto& found) {
+    const Window window = windowAround(marker, T_c_p, image, calibration);
+    const slam::CameraModel camera(window.camera);
+    const slam::PictureSearch search = finder->find(window.image, camera);
+    return std::ranges::any_of(search.found, [&](const slam::FoundPicture& found) {
       return found.picture == place &&
              cornerError_px(marker, camera, found.alignment.T_c_p, T_c_p) < options.right_px;
     });
   };
+  const double near_m = nearestWhole(marker, calibration);
+  const auto distance = [&](int k) { return near_m * std::pow(options.step, k); };
+  const auto stepsTo = [&](double times) {
+    return static_cast<int>(std::floor(std::log(times) / std::log(options.step)));
+  };
+  const int last = stepsTo(options.longest_m / near_m);
+  const int last_first = std::min(last, stepsTo(options.nearest_times));
   std::vector<PictureRange> ranges;
   for (const double tilt_deg : options.tilts_deg) {
+    const auto isFoundAt = [&](int k) { return isFound(distance(k), tilt_deg); };
     PictureRange range{.tilt_deg = tilt_deg, .nearest_m = {}, .farthest_m = {}};
-    for (double d = nearestWhole(marker, calibration); d < options.longest_m; d *= options.step) {
-      if (isFound(d, tilt_deg)) {
-        if (!range.nearest_m) range.nearest_m = d;
-        range.farthest_m = d;
-      } else if (range.farthest_m) {
-        break;
-      } else if (d > 8.0 * nearestWhole(marker, calibration)) {
-        break;  // not from near, and so not from afar
-      }
+    int first = 0;
+    while (first <= last_first && !isFoundAt(first)) ++first;
+    if (first <= last_first) {
+      range.nearest_m = distance(first);
+      range.farthest_m = distance(lastFound(first, last, isFoundAt));
     }
     ranges.push_back(range);
   }

@@ -12,7 +12,7 @@ namespace waymark::tools {
 
 struct PictureRange {
   double tilt_deg = 0.0;  // of the view from the print's normal
-  // Found from all distances between, and not from the next one tried; empty: from none.
+  // Found from both, and not from the distance after the farthest; empty: from none.
   std::optional<double> nearest_m;
   std::optional<double> farthest_m;
 };
@@ -21,6 +21,9 @@ struct PictureRangeOptions {
   std::vector<double> tilts_deg = {0.0, 30.0, 45.0, 60.0};
   double step = 1.3;  // from one distance to the next, a factor
   double longest_m = 30.0;
+  // A picture that is found neither from the nearest distance that has all of it in the image nor
+  // from any up to so many times that far is not found from afar either.
+  double nearest_times = 8.0;
   // A pose whose corners are farther off, pixels on average, is none.
   double right_px = 2.0;
 };
