@@ -30,7 +30,11 @@ void add(const TrajectoryErrors& t, Json* json) {
 void add(const MapErrors& map, Json* json) {
   (*json)["ace_m"] = toJson(map.ace_m);
   (*json)["common_markers"] = map.common;
-  (*json)["pieces"] = map.pieces;
+  (*json)["pieces"] = Json::array();
+  for (const PieceErrors& piece : map.pieces) {
+    (*json)["pieces"].push_back(
+        {{"piece", piece.piece}, {"markers", piece.markers}, {"ace_m", toJson(piece.ace_m)}});
+  }
   (*json)["missing_markers"] = map.missing;
   (*json)["unknown_markers"] = map.unknown;
 }
@@ -78,12 +82,23 @@ std::string text(const ViewCoverage& coverage) {
          io::fixed(100.0 * coverage.share(), 1) + " %)\n";
 }
 
+// Where there are several.
+std::string piecesText(const std::vector<PieceErrors>& pieces) {
+  std::string text;
+  for (const PieceErrors& piece : pieces) {
+    if (pieces.size() == 1) break;
+    text += "      piece " + std::to_string(piece.piece) + ": " + std::to_string(piece.markers) +
+            " markers, ACE mean " + io::fixed(1e3 * piece.ace_m.mean, 3) + " mm\n";
+  }
+  return text;
+}
+
 std::string text(const MapErrors& map) {
+  const std::size_t pieces = map.pieces.size();
   return statisticsText("ACE", map.ace_m) + "      " + std::to_string(map.common) +
          " markers in both maps" +
-         (map.pieces > 1 ? ", of " + std::to_string(map.pieces) + " pieces, each aligned by itself"
-                         : "") +
-         "\n" + idsText("missing from the map", map.missing) +
+         (pieces > 1 ? ", of " + std::to_string(pieces) + " pieces, each aligned by itself" : "") +
+         "\n" + piecesText(map.pieces) + idsText("missing from the map", map.missing) +
          idsText("not in the truth", map.unknown);
 }
 

@@ -213,6 +213,40 @@ run_recording() {
     --marker-size "$(jq -r .size_m <<< "$recording")" "${extra[@]}" "$@"
 }
 
+# surveyed_markers RECORDING FOLDER: a configuration in which the markers of a tagslam.yaml are anchors.
+surveyed_markers() {
+  "$waymark" map import "$2/$(jq -r .anchors.file <<< "$1")" --format tagslam \
+    --dictionary "$(jq -r .dictionary <<< "$1")" "$work/survey.json" > /dev/null
+  printf '[slam]\ndictionary = "%s"\nmarker_size_m = %s\n' "$(jq -r .dictionary <<< "$1")" "$(jq -r .size_m <<< "$1")"
+  jq -r --argjson of "$(jq .anchors <<< "$1")" '.markers[]
+    | "[[slam.markers.anchors]]\nid = \(.id)\np_m = \(.T_w_m.p | tojson)\nq_wxyz = \(.T_w_m.q | tojson)\n" +
+      "sigma_m = \($of.sigma_m)\nsigma_rad = \($of.sigma_rad)"' "$work/survey.json"
+}
+
+# measure_in_pieces RECORDING FOLDER KEPT FILE: recorded corners of a building whose markers are seldom seen
+# together.
+measure_in_pieces() {
+  local recording=$1 from=$2 kept=$3 file=$4 options=() ignored seen
+  local detections=$from/detections.csv
+  if [[ $(jq 'has("anchors")' <<< "$recording") == true ]]; then
+    surveyed_markers "$recording" "$from" > "$work/survey.toml"
+    options+=(--config "$work/survey.toml")
+  fi
+  [[ $(jq '.calibrated' <<< "$recording") != true ]] || options+=(--calibration "$from/calib.yml")
+  rm -rf "$kept"
+  "$waymark" run "$detections" --quiet --out "$kept" "${options[@]}" \
+    --dictionary "$(jq -r .dictionary <<< "$recording")" --marker-size "$(jq -r .size_m <<< "$recording")"
+  mapfile -t ignored < <(jq -r '.ignore[]' <<< "$recording")
+  "$waymark" eval --json --truth "$from/gt_traj.txt" --estimate "$kept/trajectory_final.tum" \
+    --truth-map "$from/gt_map.json" --map "$kept/map.json" --ignore "${ignored[@]}" \
+    --limit "$detections" --limit-frames 100000 --calibration "$from/calib.yml" > "$work/truth.json"
+  seen=$(grep -v '^[#t]' "$detections" | cut -d, -f1 | sort -u | wc -l)
+  jq -n --argjson recording "$recording" --argjson made "$(provenance)" --argjson seen "$seen" \
+    --slurpfile stats "$kept/stats.json" --slurpfile truth "$work/truth.json" \
+    '{recording: $recording.name, made: $made, stats: $stats[0], frames_with_marker: $seen, truth: $truth[0]}' |
+    write_json "$file"
+}
+
 # measure_recording RECORDING FOLDER KEPT FILE: a real recording. Its map and picture stay in KEPT.
 measure_recording() {
   local recording=$1 from=$2 kept=$3 file=$4 source extra options=() other map_rms_px

@@ -201,7 +201,7 @@ def building_table:
       | if . == null then [$plan.what, "not measured"] + [range(8) | ""] else
         .made.commit as $commit | .seeds[]
         | [$plan.what, .seed, "\(.localized) of \(.frames)", "\(.live.in_view.localised) of \(.live.in_view.frames)",
-           "\(1 + .begun) / \(.final.pieces)", .markers, (.final.ate_m.mean | mm), (.final.ace_m.mean | mm),
+           "\(1 + .begun) / \(.final.pieces | length)", .markers, (.final.ate_m.mean | mm), (.final.ace_m.mean | mm),
            "\(.final.limit.ate_m.mean | mm) / \(.final.limit.ace_m.mean | mm)", $commit] end]);
 
 def recording_missed($t):
@@ -224,6 +224,24 @@ def recording_table:
          ($plan.target // {} | [(.markers | select(.) | "\(.) markers"), (.rms_px | select(.) | "RMS < \(.) px"),
             (.ace_mm | select(.) | "ACE <= \(.) mm"), (.agreement_mm | select(.) | "max <= \(. / 10) cm")] | join(", ")),
          (if $plan.target then recording_missed($plan.target) | verdict else "" end), .made.commit] end]);
+
+# A recording of a building: its pieces, each aligned by itself.
+def in_pieces_missed($t):
+  [ (select(.stats.localized < $t.localized_share * .frames_with_marker) | "frames"),
+    (select(.stats.markers < $t.markers) | "markers"),
+    (select((.truth.pieces | length) > $t.pieces) | "pieces"),
+    (select(any(.truth.pieces[]; .ace_m.mean * 1000 > $t.piece_ace_mm)) | "ACE") ];
+def in_pieces_table:
+  table(["recording", "with a pose, of frames with a marker", "markers", "quarantined", "ACE by piece, mm (markers)", "focal length px (sigma, %)",
+         "limit of the corners, ACE, mm", "target", "met", "version"];
+    [$plan.in_pieces[] as $plan | first($recordings[] | select(.recording == $plan.name)) // null
+      | if . == null then [$plan.what, "not measured"] + [range(8) | ""] else
+        [$plan.what, "\(.stats.localized) of \(.frames_with_marker)", .stats.markers, .stats.counters.quarantined_markers,
+         ([.truth.pieces[] | "\(.ace_m.mean | mm) (\(.markers))"] | join(", ")),
+         "\(.stats.lens.fx | digits) (\(.stats.lens.focal_sigma_percent // "as given" | if type == "number" then digits else . end))",
+         (if .truth.limit.ace_m then .truth.limit.ace_m.mean | mm else "" end),
+         ($plan.target | "\(100 * .localized_share) % of them, \(.markers) markers, <= \(.pieces) pieces, each <= \(.piece_ace_mm) mm"),
+         (in_pieces_missed($plan.target) | verdict), .made.commit] end]);
 
 $header,
 "",
@@ -259,4 +277,7 @@ $text.gaps, "", gap_table,
 $text.targets, "", target_table,
 "## Real recordings",
 "",
-$text.recordings, "", recording_table
+$text.recordings, "", recording_table,
+"### A building at two frames a second",
+"",
+$text.in_pieces, "", in_pieces_table

@@ -11,7 +11,8 @@ Every number is measured by the programs of this repository; run the script to g
 ATE: mean distance between estimated and true camera positions after rigid alignment (no scale).
 ACE: the same for the marker corners. t_rel and r_rel: relative errors over 25 cm (seed 1, section 5).
 *Live* is what a subscriber gets; *final* is against the map after global optimization. Whether errors
-have the covariance that is told of them: [consistency.md](consistency.md).
+have the covariance that is told of them: [consistency.md](consistency.md). What a lens costs that nobody has
+measured, or measured badly: [lens.md](lens.md). Pictures on the wall, by distance, tilt and number: [natural.md](natural.md).
 END
 }
 
@@ -98,7 +99,12 @@ a second time with its photographs in reverse order; both maps are compared. *Li
 the reference instead of a truth. The reference of tagslam_det_13 also knew that its tags hang on
 boards, and a measured distance; corners alone do not agree with it better than the limit. *_lens*:
 with \`--refine-intrinsics\`. Pictures of the maps to
-look at: \`${kept#"$PWD"/}/*/map.svg\`." '$ARGS.named'
+look at: \`${kept#"$PWD"/}/*/map.svg\`." \
+    --arg in_pieces "\
+tagslam_det_10: corners of 81 tags in 30 minutes, seldom two at once; tags that were ever seen in one frame
+make five groups. ACE of each piece by itself against the reference, which is an offline batch solution held by a
+survey of its tags to half a metre; id 20 hangs three times, and is left out. *Limit*: bundle
+adjustment of all frames with the same corners, started from the reference, which knows how the groups lie to each other." '$ARGS.named'
 }
 
 # assemble FILE: the report from all that was measured.

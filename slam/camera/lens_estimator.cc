@@ -91,8 +91,8 @@ void LensEstimator::beginWhole(const LensEstimate& estimate, double readout_s,
 
 bool LensEstimator::estimateNow(const RollingShutterEstimator& shutter,
                                 const BundleOptions& optimization, Map* map) {
-  // Of several lenses the newest frames' alone would be asked for.
-  if (!options_.learn || map->keyframes().empty() || knowledge_->changedUnderWay()) return false;
+  if (!options_.learn || map->keyframes().empty()) return false;
+  // Of several lenses it is the newest frames'.
   LensProblem problem = problemOf(shutter);
   if (goBackToGiven(problem, optimization, map)) return true;
   problem.max_keyframes = std::numeric_limits<int>::max();
@@ -107,7 +107,8 @@ bool LensEstimator::estimateNow(const RollingShutterEstimator& shutter,
 // if the whole map says it, too.
 bool LensEstimator::goBackToGiven(const LensProblem& problem, const BundleOptions& optimization,
                                   Map* map) {
-  if (!options_.given || knowledge_->state == LensState::kGiven || knowledge_->refines_given) {
+  if (!options_.given || knowledge_->state == LensState::kGiven || knowledge_->refines_given ||
+      knowledge_->changedUnderWay()) {
     return false;
   }
   const CameraModel given = knowledge_->given;

@@ -188,12 +188,14 @@ Result<MapErrors> compareMaps(std::span<const io::MarkerCorners> truth,
   if (result.common == 0) return Error{"no marker is in both maps"};
   std::vector<Eigen::Vector3d> from;
   std::vector<Eigen::Vector3d> to;
-  for (const auto& [id, piece] : pieces) {
+  for (auto& [id, piece] : pieces) {
     const slam::Transform T_truth_est = slam::alignPoints(piece.estimate, piece.truth);
-    for (const Eigen::Vector3d& corner : piece.estimate) from.push_back(T_truth_est * corner);
+    for (Eigen::Vector3d& corner : piece.estimate) corner = T_truth_est * corner;
+    from.insert(from.end(), piece.estimate.begin(), piece.estimate.end());
     to.insert(to.end(), piece.truth.begin(), piece.truth.end());
+    result.pieces.push_back(
+        {id, piece.truth.size() / 4, distances(piece.estimate, piece.truth, {})});
   }
-  result.pieces = pieces.size();
   result.ace_m = distances(from, to, {});
   return result;
 }

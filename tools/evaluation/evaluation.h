@@ -56,13 +56,19 @@ struct TrajectoryErrors {
                                                            const io::Trajectory& estimate,
                                                            const TrajectoryOptions& options);
 
+// One of the estimate's worlds, aligned by itself.
+struct PieceErrors {
+  int piece = 0;
+  std::size_t markers = 0;
+  ErrorStatistics ace_m;
+};
+
 struct MapErrors {
   std::size_t common = 0;    // markers in both
   std::vector<int> missing;  // ids only in the truth
   std::vector<int> unknown;  // ids only in the estimate
-  // Of the estimate, with markers in both. Each is aligned by itself: they have worlds of their
-  // own.
-  std::size_t pieces = 0;
+  // Of the estimate, with markers in both.
+  std::vector<PieceErrors> pieces;
   ErrorStatistics ace_m;  // ACE: corner, after alignment; the seed's is the mean
 };
 

@@ -181,13 +181,16 @@ TEST(Evaluation, PiecesAreAlignedEachByItself) {
   }
   const auto as_one = compareMaps(truth, estimate);
   ASSERT_TRUE(as_one.ok());
-  EXPECT_EQ(as_one->pieces, 1U);
+  EXPECT_EQ(as_one->pieces.size(), 1U);
   EXPECT_GT(as_one->ace_m.mean, 0.1);
   for (io::MarkerCorners& m : estimate) m.piece = m.id < 3 ? 0 : 7;
   const auto apart = compareMaps(truth, estimate);
   ASSERT_TRUE(apart.ok());
   EXPECT_EQ(apart->common, 6U);
-  EXPECT_EQ(apart->pieces, 2U);
+  ASSERT_EQ(apart->pieces.size(), 2U);
+  EXPECT_EQ(apart->pieces[1].piece, 7);
+  EXPECT_EQ(apart->pieces[1].markers, 3U);
+  EXPECT_LT(apart->pieces[1].ace_m.max, 1e-9);
   EXPECT_LT(apart->ace_m.max, 1e-9);
 }
 
