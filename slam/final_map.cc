@@ -128,4 +128,13 @@ std::vector<RecordedFrame> spreadFrames(std::span<const LiveFrame> frames,
   return spread;
 }
 
+std::vector<Map> piecesThroughOneLens(const Slam& slam) {
+  std::vector<Map> pieces;
+  for (const Map* const piece : slam.pieces()) {
+    pieces.push_back(*piece);
+    if (slam.lens().changedUnderWay()) seeThroughOne(slam.camera(), slam.lens(), &pieces.back());
+  }
+  return pieces;
+}
+
 }  // namespace waymark::slam

@@ -23,6 +23,7 @@
 #include "slam/detection/marker_detection.h"
 #include "slam/geometry/transform.h"
 #include "slam/geometry/twist.h"
+#include "slam/map/map.h"
 #include "slam/mapping/recorded_frames.h"
 #include "slam/pose_estimate.h"
 
@@ -75,5 +76,8 @@ void tryAgain(std::span<const LiveFrame> frames, Slam* slam);
 // `frames`. Empty when no frame had a pose.
 [[nodiscard]] std::vector<RecordedFrame> spreadFrames(std::span<const LiveFrame> frames,
                                                       const FinalMapOptions& options);
+
+// Copies of all pieces, as the lens in use would have seen them: a file has one camera.
+[[nodiscard]] std::vector<Map> piecesThroughOneLens(const Slam& slam);
 
 }  // namespace waymark::slam

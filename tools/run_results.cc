@@ -3,8 +3,10 @@
 #include <algorithm>
 #include <cstddef>
 #include <filesystem>
+#include <iterator>
 #include <map>
 #include <optional>
+#include <span>
 #include <utility>
 #include <vector>
 
@@ -13,6 +15,7 @@
 #include "io/maps/map_file.h"
 #include "io/maps/map_picture.h"
 #include "io/recorded_detections.h"
+#include "slam/final_map.h"
 #include "slam/map/world_reference.h"
 
 namespace waymark::tools {
@@ -23,10 +26,13 @@ std::string mapText(const slam::Slam& slam, const slam::Map& main_piece, const R
   if (!setup.options.mapping) return setup.old_map->text;
   const std::optional<io::FieldSize> field =
       setup.old_map ? setup.old_map->file.field : std::nullopt;
-  std::vector<const slam::Map*> others = slam.pieces();
-  std::erase(others, &main_piece);
+  std::vector<slam::Map> pieces = slam::piecesThroughOneLens(slam);
+  const auto main = std::ranges::find(pieces, main_piece.piece, &slam::Map::piece);
+  std::rotate(pieces.begin(), main, std::next(main));
+  std::vector<const slam::Map*> all;
+  for (const slam::Map& piece : pieces) all.push_back(&piece);
   const slam::Calibration camera = slam.lens().calibrationOf(slam.camera());
-  return io::formatMap(main_piece, camera, slam.readout_s(), field, others);
+  return io::formatMap(*all.front(), camera, slam.readout_s(), field, std::span(all).subspan(1));
 }
 
 // The piece of the map that files of one world are of: the one with an anchor, or else the one with

@@ -150,7 +150,7 @@ Result<std::string> MapWorker::saveNow() {
   std::int64_t copying_ns = 0;
   const bool copied = slam_requests_.run([&](const std::unique_ptr<slam::Slam>& slam) {
     const std::int64_t begin_ns = monotonicNs();
-    for (const slam::Map* const piece : slam->pieces()) pieces.push_back(*piece);
+    pieces = slam::piecesThroughOneLens(*slam);
     copying_ns = monotonicNs() - begin_ns;
     camera = slam->lens().calibrationOf(slam->camera());
     readout_s = slam->readout_s();

@@ -1,8 +1,10 @@
 #include "slam/camera/lens_estimator.h"
 
 #include <algorithm>
+#include <functional>
 #include <limits>
 #include <utility>
+#include <vector>
 
 #include "slam/camera/undistort_map.h"
 #include "slam/optimization/map_optimizer.h"
@@ -93,13 +95,54 @@ bool LensEstimator::estimateNow(const RollingShutterEstimator& shutter,
                                 const BundleOptions& optimization, Map* map) {
   if (!options_.learn || map->keyframes().empty()) return false;
   // Of several lenses it is the newest frames'.
+  const bool dated =
+      knowledge_->changedUnderWay() && dateChange(shutter.seconds(), optimization, map);
   LensProblem problem = problemOf(shutter);
   if (goBackToGiven(problem, optimization, map)) return true;
   problem.max_keyframes = std::numeric_limits<int>::max();
   const auto found = runToCompletion(
       [&](Budget* budget) { return estimateLens(*map, markers_, problem, optimization, budget); });
-  if (!found || !believes(*found, *map)) return false;
+  if (!found || !believes(*found, *map)) return dated;
   (void)adopt(*found, shutter.seconds(), map);
+  return true;
+}
+
+// A map that grows follows a change at first, by bending; noticed it is when it can no longer. So
+// the change is looked for backwards, in steps of twice as many keyframes each, and then between
+// them: where all of the map fits best.
+bool LensEstimator::dateChange(double readout_s, const BundleOptions& optimization, Map* map) {
+  std::vector<std::int64_t> times;  // of the keyframes before, newest first
+  for (const auto& [id, keyframe] : map->keyframes()) {
+    if (keyframe.monotonic_ns < knowledge_->since_ns) times.push_back(keyframe.monotonic_ns);
+  }
+  std::ranges::sort(times, std::greater());
+  BundleOptions options = optimization;
+  options.view_chi2 = 0.0;
+  options.estimate_residual_sigma = false;
+  double least = std::numeric_limits<double>::infinity();
+  std::size_t best = 0;  // so many of them were seen through the lens in use
+  std::optional<Map> fits;
+  const auto tryCount = [&](std::size_t count) {
+    Map copy = *map;
+    if (count > 0) undistortAgain(*camera_, readout_s, &copy, times[count - 1]);
+    const BundleSummary summary = optimizeGlobally(&copy, markers_, options);
+    if (summary.failed || !(summary.final_cost < least)) return false;
+    least = summary.final_cost;
+    best = count;
+    fits = std::move(copy);
+    return true;
+  };
+  (void)tryCount(0);
+  std::size_t step = 1;
+  while (best + step <= times.size() && tryCount(best + step)) step *= 2;
+  for (; step > 0; step /= 2) {
+    if (best + step <= times.size()) (void)tryCount(best + step);
+    if (best >= step) (void)tryCount(best - step);
+  }
+  if (best == 0) return false;
+  *map = std::move(*fits);
+  knowledge_->since_ns = knowledge_->earlier.back().until_ns = times[best - 1];
+  ++knowledge_->changes;
   return true;
 }
 

@@ -61,6 +61,9 @@ class LensEstimator {
   }
   [[nodiscard]] LensProblem problemOf(const RollingShutterEstimator& shutter) const;
   [[nodiscard]] bool believes(const LensEstimate& estimate, const Map& map) const;
+  // The frames of the map in which the lens had changed before anybody noticed are undistorted as
+  // its own from then on. Whether there were any.
+  bool dateChange(double readout_s, const BundleOptions& optimization, Map* map);
   [[nodiscard]] bool goBackToGiven(const LensProblem& problem, const BundleOptions& optimization,
                                    Map* map);
   // Poses and corners of the map are as the estimate says.

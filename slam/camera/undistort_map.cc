@@ -87,6 +87,20 @@ void trustReadout(Map* map) {
   }
 }
 
+void seeThroughOne(const CameraModel& in_use, const LensKnowledge& lens, Map* map) {
+  for (const auto& [id, keyframe] : map->keyframes()) {
+    const CameraModel& seen_with = lens.at(keyframe.monotonic_ns, in_use);
+    if (&seen_with == &in_use) continue;
+    const SharedDetections before = keyframe.detections;
+    for (MarkerDetection detection : before) {
+      for (Eigen::Vector2d& pixel : detection.pixels) {
+        if (const auto normalized = seen_with.undistort(pixel)) pixel = in_use.distort(*normalized);
+      }
+      map->replaceView(id, detection);
+    }
+  }
+}
+
 void undistortAgain(const CameraModel& camera, double readout_s, Map* map, std::int64_t since_ns) {
   map->beginEpoch();
   for (const auto& [id, keyframe] : map->keyframes()) {

@@ -5,6 +5,7 @@
 #include <limits>
 #include <vector>
 
+#include "slam/camera/lens_knowledge.h"
 #include "slam/detection/marker_detection.h"
 #include "slam/geometry/camera_model.h"
 #include "slam/map/map.h"
@@ -20,6 +21,10 @@ void undistortAgain(const CameraModel& camera, double readout_s, Map* map,
 void undistortAgain(const CameraModel& camera, double readout_s, KeyframeId keyframe, Map* map);
 // The same of a frame's detections, as a global shutter saw them.
 void undistortAgain(const CameraModel& camera, std::vector<MarkerDetection>* detections);
+
+// Keyframes that were seen through another lens than the one in use get the pixels in which this
+// one would have seen the same: a map in a file has one camera.
+void seeThroughOne(const CameraModel& in_use, const LensKnowledge& lens, Map* map);
 
 // What is not known of the readout time, sigma_s, becomes noise of the corners of this keyframe
 // (doubtReadout, rolling_shutter.h).
