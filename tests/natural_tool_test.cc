@@ -1,5 +1,6 @@
 // `waymark natural`, and what `waymark run` says of natural markers, as their users meet them.
 #include <cstdint>
+#include <filesystem>
 #include <fstream>
 #include <string>
 #include <utility>
@@ -96,6 +97,21 @@ TEST_F(NaturalTool, ARunSaysThatAConfigurationsNaturalMarkersAreNotUsed) {
             std::string::npos);
   ASSERT_EQ(add(save("a.png", sheet(1))).exit_code, 0);
   EXPECT_EQ(said(natural, file()), "") << "the command line wins";
+}
+
+TEST_F(NaturalTool, ASequenceNeedsFeaturesAndPhotographsDoNot) {
+  ASSERT_EQ(add(save("a.png", sheet(1))).exit_code, 0);
+  const std::string config = (directory_ / "w.toml").string();
+  std::ofstream(config) << "[slam.natural]\nenabled = false\n";
+  expectBadInput(run(video(), {{"--natural", file()}, {"--config", config}}),
+                 "--natural: needs slam.natural.enabled");
+  std::filesystem::create_directory(directory_ / "photos");
+  for (const char* name : {"photos/1.png", "photos/2.png"}) {
+    (void)save(name, cv::Mat(kToolHeight, kToolWidth, CV_8U, cv::Scalar(128)));
+  }
+  const ProgramResult result =
+      run((directory_ / "photos").string(), {{"--natural", file()}, {"--config", config}});
+  EXPECT_EQ(result.exit_code, 3) << result.err;
 }
 
 }  // namespace
