@@ -1,6 +1,7 @@
 // The stage of natural markers (seed 2, sections 3.1 to 3.3): what somebody else has found in
 // earlier frames, pictures and where the camera was of each, corrects the pose at that frame's own
-// time, begins a map where there is none, and gives pictures their place in it.
+// time, begins a map where there is none, and gives pictures their place in it. Of photographs in
+// no order, where nothing is carried: what was found in the frame itself, at once.
 #pragma once
 
 #include <cstddef>
