@@ -1,4 +1,5 @@
 // `waymark natural`, and what `waymark run` says of natural markers, as their users meet them.
+#include <algorithm>
 #include <cstdint>
 #include <filesystem>
 #include <fstream>
@@ -63,6 +64,22 @@ TEST_F(NaturalTool, PicturesThatLookAlikeAreAddedOnlyWhenAskedForAndToldOfWhenUs
   ASSERT_EQ(add(path, {"--alike"}).exit_code, 0);
   const ProgramResult result = run(video(), {{"--natural", file()}});
   EXPECT_NE(result.err.find("'a' and 'mixed' look alike ("), std::string::npos) << result.err;
+}
+
+TEST_F(NaturalTool, TheDaemonsCheckTellsOfPicturesThatLookAlike) {
+  cv::Mat mixed = sheet(1);
+  sheet(2).colRange(250, 400).copyTo(mixed.colRange(250, 400));
+  (void)save("a.png", sheet(1));
+  (void)save("mixed.png", mixed);
+  const std::string config = (directory_ / "w.toml").string();
+  std::ofstream(config) << "[camera]\nsource = 'grey.avi'\ncalibration = 'calib.yml'\n"
+                           "[slam]\ndictionary = '4X4_50'\nmarker_size_m = 0.1\n"
+                           "[[natural]]\nname = 'a'\nimage = 'a.png'\nwidth_m = 0.3\n"
+                           "[[natural]]\nname = 'b'\nimage = 'mixed.png'\nwidth_m = 0.3\n";
+  const ProgramResult result = runProgram({WAYMARKD, "--config", config, "--check"});
+  EXPECT_EQ(result.exit_code, 0) << result.err;
+  EXPECT_NE(result.err.find("'a' and 'b' look alike ("), std::string::npos) << result.err;
+  EXPECT_EQ(std::ranges::count(result.err, '\n'), 1) << result.err;
 }
 
 TEST_F(NaturalTool, AddSaysWhatOfALargePictureIsUsed) {
