@@ -1,8 +1,10 @@
 #include "slam/batch_mapper.h"
 
 #include "slam/camera/lens_model.h"
+#include "slam/covariance/marginals.h"
 #include "slam/covariance/pose_by_camera.h"
 #include "slam/optimization/map_optimizer.h"
+#include "slam/pose_by_picture.h"
 
 namespace waymark::slam {
 
@@ -65,8 +67,20 @@ PoseEstimate BatchMapper::estimateOf(const std::vector<KnownMarker>& known,
 
 std::optional<PoseEstimate> BatchMapper::localize(const RecordedFrame& frame) const {
   auto located = locator_.locate(*with_.map, frame);
-  if (!located) return std::nullopt;
+  if (!located) return localizeByPicture(frame);
   return estimateOf(located->known, frame, &located->solution);
+}
+
+// Not once the lens is another one than the one that the picture was found through.
+std::optional<PoseEstimate> BatchMapper::localizeByPicture(const RecordedFrame& frame) const {
+  if (frame.found.empty() || with_.lens.changes > 0) return std::nullopt;
+  auto by_picture = poseByPicture(frame.found, frame.monotonic_ns, with_.uncertainty, *with_.map);
+  if (!by_picture) return std::nullopt;
+  PoseEstimate& pose = by_picture->pose;
+  const MapMarker& picture = *with_.map->findPosed(by_picture->picture);
+  const Matrix6d T = rigidTransport(pose.T_w_c.p - picture.T_w_m->p);
+  pose.covariance += T * picture.world_covariance * T.transpose();
+  return pose;
 }
 
 std::optional<PosesOfOneMarker> BatchMapper::localizeByOneMarker(const RecordedFrame& frame) const {

@@ -55,6 +55,7 @@ class BatchMapper {
  private:
   [[nodiscard]] bool hasMapToOptimize() const;
   [[nodiscard]] ExpectedLens expectedLens() const;
+  [[nodiscard]] std::optional<PoseEstimate> localizeByPicture(const RecordedFrame& frame) const;
   // The pose, its covariance as the map's residuals, the map's own doubt and the camera's have it.
   [[nodiscard]] PoseEstimate estimateOf(const std::vector<KnownMarker>& known,
                                         const RecordedFrame& frame, PoseSolution* solution) const;

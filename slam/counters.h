@@ -31,6 +31,7 @@ struct Counters {
   std::uint64_t picture_poses = 0;
   std::uint64_t refused_pictures = 0;
   std::uint64_t late_unknown = 0;
+  std::uint64_t photographs_by_picture = 0;
   std::uint64_t predicted_frames = 0;
   std::uint64_t uncertain_frames = 0;
   std::uint64_t wary_frames = 0;
@@ -108,6 +109,8 @@ inline constexpr std::array kCounters = {
                  "such poses that contradicted the filter"},
     NamedCounter{"late_unknown", &Counters::late_unknown,
                  "pictures told of frames that nobody remembers any more"},
+    NamedCounter{"photographs_by_picture", &Counters::photographs_by_picture,
+                 "photographs whose pose is from a picture found in them, as no marker gave one"},
     NamedCounter{"predicted_frames", &Counters::predicted_frames,
                  "frames whose pose is from the motion alone"},
     NamedCounter{"uncertain_frames", &Counters::uncertain_frames,

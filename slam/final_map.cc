@@ -94,8 +94,12 @@ void tryAgain(std::span<const LiveFrame> frames, Slam* slam) {
   do {
     before = left.size();
     std::erase_if(left, [&](std::size_t i) {
-      const FrameTime time{i, frames[i].monotonic_ns};
-      return slam->process({.time = time, .detections = frames[i].detections}).pose.has_value();
+      const LiveFrame& frame = frames[i];
+      return slam
+          ->process({.time = {i, frame.monotonic_ns},
+                     .detections = frame.detections,
+                     .found = frame.found})
+          .pose.has_value();
     });
   } while (left.size() < before && !left.empty());
 }

@@ -23,6 +23,7 @@
 #include "slam/detection/marker_detection.h"
 #include "slam/geometry/transform.h"
 #include "slam/geometry/twist.h"
+#include "slam/late_result.h"
 #include "slam/map/map.h"
 #include "slam/mapping/recorded_frames.h"
 #include "slam/pose_estimate.h"
@@ -36,6 +37,7 @@ struct LiveFrame {
   std::int64_t monotonic_ns = 0;  // mid-exposure
   std::optional<PoseEstimate> pose;
   std::vector<MarkerDetection> detections;
+  std::vector<LateResult> found{};  // pictures in it, of a photograph
 };
 
 // How the camera moved in the i-th frame, as it is known once the next one is; zero where it is

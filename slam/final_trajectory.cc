@@ -16,7 +16,7 @@ namespace {
 RecordedFrame recorded(std::span<const LiveFrame> frames, std::size_t i, const Transform& guess,
                        int piece) {
   const LiveFrame& frame = frames[i];
-  return {i, frame.monotonic_ns, frame.detections, guess, motionOf(frames, i), piece};
+  return {i, frame.monotonic_ns, frame.detections, guess, motionOf(frames, i), piece, frame.found};
 }
 
 // Each frame for itself, near where it was live. One that was lost starts from its neighbour: first
@@ -146,15 +146,20 @@ void fillGaps(std::span<const LiveFrame> frames, std::vector<std::optional<PoseE
   }
 }
 
+// Photographs that were placed by a picture, and are not by the map as it is.
+void keepCarried(std::span<const LiveFrame> frames,
+                 std::vector<std::optional<PoseEstimate>>* poses) {
+  for (std::size_t i = 0; i < frames.size(); ++i) {
+    if (wasCarried(frames[i], (*poses)[i])) (*poses)[i] = frames[i].pose;
+  }
+}
+
 // Where no pose is from markers, live or now (pictures alone), nothing is known better than live.
 void keepLive(std::span<const LiveFrame> frames, std::vector<std::optional<PoseEstimate>>* poses) {
   const auto of_markers = [](const LiveFrame& frame) {
     return frame.pose && frame.pose->source == PoseSource::kMarkers;
   };
-  if (std::ranges::any_of(frames, of_markers)) return;
-  for (std::size_t i = 0; i < frames.size(); ++i) {
-    if (wasCarried(frames[i], (*poses)[i])) (*poses)[i] = frames[i].pose;
-  }
+  if (std::ranges::none_of(frames, of_markers)) keepCarried(frames, poses);
 }
 
 // The live frames as one piece of the map knows them: poses of others are none to it.
@@ -186,7 +191,9 @@ std::vector<std::optional<PoseEstimate>> localizeIn(const Map& map,
                                  poses[i], options.single_marker);
     }
   }
-  if (any) {
+  if (options.unordered_images) {
+    keepCarried(frames, &poses);
+  } else if (any) {
     fillGaps(frames, &poses);
   } else {
     keepLive(frames, &poses);

@@ -25,6 +25,9 @@ struct FrameInput {
   std::span<const LateResult> late{};
   // Somebody else looks for pictures in this frame, and will tell in `late` of another one.
   bool awaited = false;
+  // Pictures that were found in this very frame: of photographs (Options::treatAsUnorderedImages),
+  // through the lens in use.
+  std::span<const LateResult> found{};
 };
 
 // What the system is doing; seed 1, Fig. 4.
@@ -57,6 +60,7 @@ struct FrameResult {
   // Both valid until the next call.
   std::span<const PieceEvent> piece_events;  // in their order
   std::span<const MarkerDetection> detections;
+  std::span<const LateResult> found{};  // as it came
 };
 
 }  // namespace waymark::slam

@@ -49,8 +49,9 @@ struct Options {
   BundleOptions global_optimization{.max_iterations = 50, .min_relative_decrease = 1e-6};
   IntrinsicPriors intrinsics;
 
-  // For images that are no sequence: nothing is followed or predicted from one to the next, and no
-  // work is left for the next one.
+  // For images that are no sequence: nothing is followed, predicted or carried from one to the
+  // next, and no work is left for the next one. Pictures are those found in the image itself
+  // (FrameInput::found).
   void treatAsUnorderedImages();
 
   // Empty when usable, else which option is wrong and why.

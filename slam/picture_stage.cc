@@ -5,6 +5,7 @@
 
 #include "slam/covariance/seen_through.h"
 #include "slam/geometry/turned_covariance.h"
+#include "slam/pose_by_picture.h"
 
 namespace waymark::slam {
 namespace {
@@ -149,9 +150,30 @@ void PictureStage::beginMap(const AwaitedFrame& frame, const LateResult& seen,
   ++with_.counters->keyframes_added;
 }
 
-void PictureStage::await(const FrameInput& frame, const FrameResult& result,
+bool PictureStage::begin(const FrameInput& frame, StageObserver* observer) {
+  if (!frame.found.empty()) return await(frame, {}, {}, observer);
+  (void)with_.features->bridge(frame, {}, *with_.map, observer);
+  return false;
+}
+
+std::optional<PoseEstimate> PictureStage::bridge(const FrameInput& frame,
+                                                 std::span<const MarkerDetection> detections,
+                                                 StageObserver* observer) {
+  anchor_.reset();
+  if (frame.found.empty()) return with_.features->bridge(frame, detections, *with_.map, observer);
+  auto by_picture = poseByPicture(frame.found, frame.time.monotonic_ns, with_.camera, *with_.map);
+  if (!by_picture) return std::nullopt;
+  anchor_ = by_picture->picture;
+  with_.covariance->doubtAs(*with_.map->findPosed(*anchor_));
+  PoseEstimate& pose = by_picture->pose;
+  pose.covariance += with_.covariance->sharedAt(pose.T_w_c.p);
+  ++with_.counters->photographs_by_picture;
+  return pose;
+}
+
+bool PictureStage::await(const FrameInput& frame, const FrameResult& result,
                          std::span<const MarkerDetection> fitting, StageObserver* observer) {
-  if (!frame.awaited || !any()) return;
+  if (!any() || (!frame.awaited && frame.found.empty())) return false;
   AwaitedFrame awaited{.time = frame.time, .T_w_c = {}, .detections = {}};
   const bool carried = result.pose && result.pose->source == PoseSource::kNaturalFeatures;
   if (result.pose && (carried || result.pose->source == PoseSource::kMarkers)) {
@@ -159,11 +181,15 @@ void PictureStage::await(const FrameInput& frame, const FrameResult& result,
     awaited.covariance = result.pose->view_covariance;
     awaited.twist = result.pose->twist;
     awaited.detections.assign(fitting.begin(), fitting.end());
-    if (carried) awaited.anchor = with_.features->anchor();
+    if (carried) awaited.anchor = anchor();
   }
+  if (!frame.awaited) awaited_.clear();  // a photograph may come again
   if (awaited_.size() == kAwaited) awaited_.pop_front();
   awaited_.push_back({std::move(awaited), *with_.camera.camera});
-  with_.features->await(frame, result.pose.has_value(), observer);
+  if (frame.awaited) with_.features->await(frame, result.pose.has_value(), observer);
+  const bool changed = hear(frame.found, observer);
+  if (changed) with_.covariance->noteChange();
+  return changed;
 }
 
 void PictureStage::moveWorld(const Transform& T_new_old) {

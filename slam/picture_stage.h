@@ -1,6 +1,7 @@
 // The stage of natural markers (seed 2, sections 3.1 to 3.3): what somebody else has found in
 // earlier frames, pictures and where the camera was of each, corrects the pose at that frame's own
-// time, begins a map where there is none, and gives pictures their place in it.
+// time, begins a map where there is none, and gives pictures their place in it. Of photographs in
+// no order, where nothing is carried: what was found in the frame itself, at once.
 #pragma once
 
 #include <cstddef>
@@ -44,8 +45,17 @@ class PictureStage {
 
   // Before a frame's own stages. True when the map changed.
   bool hear(std::span<const LateResult> late, StageObserver* observer);
-  // After them, of an awaited frame; fitting: the detections that its pose is from.
-  void await(const FrameInput& frame, const FrameResult& result,
+  // Where there is no map: a photograph's pictures may begin one. Whether one has.
+  [[nodiscard]] bool begin(const FrameInput& frame, StageObserver* observer);
+  // Where its markers give none: a frame's pose from features, or a photograph's from a picture.
+  [[nodiscard]] std::optional<PoseEstimate> bridge(const FrameInput& frame,
+                                                   std::span<const MarkerDetection> detections,
+                                                   StageObserver* observer);
+  // What that pose is relative to: a marker or picture.
+  [[nodiscard]] int anchor() const { return anchor_ ? *anchor_ : with_.features->anchor(); }
+  // After them, of an awaited frame, or of a photograph, whose pictures take their place at once;
+  // fitting: the detections that its pose is from. True when the map changed.
+  bool await(const FrameInput& frame, const FrameResult& result,
              std::span<const MarkerDetection> fitting, StageObserver* observer);
   // All coordinates have changed.
   void moveWorld(const Transform& T_new_old);
@@ -72,6 +82,7 @@ class PictureStage {
 
   PictureStageParts with_;
   std::deque<Awaited> awaited_;  // oldest first
+  std::optional<int> anchor_;    // of a photograph's pose: the picture
 };
 
 }  // namespace waymark::slam

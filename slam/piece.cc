@@ -114,7 +114,7 @@ class Piece::Impl {
     if (result.pose) result.pose->piece = map_.piece;
     if (turn == Turn::kOwn) {
       const auto fitting = tracked ? tracked->fitting : std::span<const MarkerDetection>();
-      pictures_.await(frame, result, fitting, observer);
+      if (pictures_.await(frame, result, fitting, observer)) result.map_changed = true;
     }
     if (turn == Turn::kOwn && options_.mapping && world_.isMissing(map_)) {
       ++counters_.frames_in_other_world;
@@ -250,8 +250,9 @@ class Piece::Impl {
     if (result->pose) {
       result->state = TrackingState::kTracking;
       tracker_.commit(*result->pose, frame.time.monotonic_ns);
-    } else if (pictures_.any() && turn == Turn::kOwn) {
-      (void)features_.bridge(frame, {}, map_, observer);  // from one that pictures may be found in
+    } else if (pictures_.any() && turn == Turn::kOwn && pictures_.begin(frame, observer)) {
+      result->map_changed = result->keyframe_added = true;
+      bridge(usable, frame, {}, observer, result);
     }
   }
 
@@ -329,7 +330,7 @@ class Piece::Impl {
     if (prediction) {
       rolling_shutter_.deskew(camera_, map_, prediction->T_w_c, prediction->twist, &deskewed_);
     }
-    result->pose = features_.bridge(frame, deskewed_, map_, observer);
+    result->pose = pictures_.bridge(frame, deskewed_, observer);
     if (!result->pose) return features_.tellIfLost(result);
     const PoseGlobalMatrix by_camera = covariance_.sharedByCamera(result->pose->T_w_c.p);
     result->pose->covariance += covarianceByCamera(camera_uncertainty_, by_camera);
@@ -347,7 +348,7 @@ class Piece::Impl {
     const PoseEstimate& pose = *result->pose;
     if (linkElsewhere(usable, time, pose)) result->keyframe_added = true;
     const auto joined = updater_.growThroughGap(
-        {time, usable, pose.T_w_c, pose.view_covariance, pose.twist, features_.anchor()}, &map_);
+        {time, usable, pose.T_w_c, pose.view_covariance, pose.twist, pictures_.anchor()}, &map_);
     if (!joined) return;
     covariance_.introduce(*joined, pose.T_w_c, pose.covariance, &map_);
     result->map_changed = result->keyframe_added = true;
@@ -358,7 +359,7 @@ class Piece::Impl {
   // drift.
   bool linkElsewhere(std::span<const MarkerDetection> usable, const FrameTime& time,
                      const PoseEstimate& pose) {
-    const MapMarker* const anchor = map_.findPosed(features_.anchor());
+    const MapMarker* const anchor = map_.findPosed(pictures_.anchor());
     const PieceOptions::Bridge& bridge = options_.pieces.bridge;
     if (anchor == nullptr ||
         time.monotonic_ns - last_link_ns_ < std::llround(1e9 * bridge.interval_s)) {

@@ -43,7 +43,8 @@ class Slam::Impl {
               .piece_events = {},
               .detections = detections};
     }
-    const FrameResult result = pieces_->process(frame, throughLensInUse(detections), observer);
+    FrameResult result = pieces_->process(frame, throughLensInUse(detections), observer);
+    result.found = frame.found;
     if (result.pose) ++counters_.localized;
     return result;
   }

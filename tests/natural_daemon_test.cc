@@ -182,7 +182,8 @@ void expectSamePoses(const fs::path& log, const std::vector<pose_t>& live) {
     const auto frame = std::get<capture::FramePtr>(std::move(read));
     ASSERT_EQ(static_cast<std::int64_t>(frame->stamp().sequence), pose.sequence);
     const slam::FrameResult result = slam.process(late.prepare(
-        {.time = {frame->stamp().sequence, frame->stamp().monotonic_ns}, .image = frame->image()}));
+        {.time = {frame->stamp().sequence, frame->stamp().monotonic_ns}, .image = frame->image()},
+        slam));
     ASSERT_EQ(result.pose.has_value(), pose.source != pose_t::SOURCE_NONE) << pose.sequence;
     if (!result.pose) continue;
     ASSERT_TRUE(std::ranges::equal(pose.p_w_c, result.pose->T_w_c.p)) << pose.sequence;

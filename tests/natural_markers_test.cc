@@ -59,7 +59,8 @@ class NaturalMarkersTest : public ::testing::Test {
     const auto time_ns = static_cast<std::int64_t>(1e9 * frame_ / kRate_hz);
     const slam::FrameInput input =
         relocalizer_->prepare({.time = {static_cast<std::uint64_t>(frame_), time_ns},
-                               .image = ImageView{pixels.data(), 640, 480, 640}});
+                               .image = ImageView{pixels.data(), 640, 480, 640}},
+                              *slam_);
     const slam::FrameResult result = slam_->process(input);
     relocalizer_->look(input, result, *slam_);
     ++frame_;

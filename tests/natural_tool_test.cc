@@ -1,5 +1,7 @@
 // `waymark natural`, and what `waymark run` says of natural markers, as their users meet them.
+#include <algorithm>
 #include <cstdint>
+#include <filesystem>
 #include <fstream>
 #include <string>
 #include <utility>
@@ -64,6 +66,22 @@ TEST_F(NaturalTool, PicturesThatLookAlikeAreAddedOnlyWhenAskedForAndToldOfWhenUs
   EXPECT_NE(result.err.find("'a' and 'mixed' look alike ("), std::string::npos) << result.err;
 }
 
+TEST_F(NaturalTool, TheDaemonsCheckTellsOfPicturesThatLookAlike) {
+  cv::Mat mixed = sheet(1);
+  sheet(2).colRange(250, 400).copyTo(mixed.colRange(250, 400));
+  (void)save("a.png", sheet(1));
+  (void)save("mixed.png", mixed);
+  const std::string config = (directory_ / "w.toml").string();
+  std::ofstream(config) << "[camera]\nsource = 'grey.avi'\ncalibration = 'calib.yml'\n"
+                           "[slam]\ndictionary = '4X4_50'\nmarker_size_m = 0.1\n"
+                           "[[natural]]\nname = 'a'\nimage = 'a.png'\nwidth_m = 0.3\n"
+                           "[[natural]]\nname = 'b'\nimage = 'mixed.png'\nwidth_m = 0.3\n";
+  const ProgramResult result = runProgram({WAYMARKD, "--config", config, "--check"});
+  EXPECT_EQ(result.exit_code, 0) << result.err;
+  EXPECT_NE(result.err.find("'a' and 'b' look alike ("), std::string::npos) << result.err;
+  EXPECT_EQ(std::ranges::count(result.err, '\n'), 1) << result.err;
+}
+
 TEST_F(NaturalTool, AddSaysWhatOfALargePictureIsUsed) {
   const cv::Mat small = sheet(1, 512, 128);
   cv::Mat large(2000, 8000, CV_8U);
@@ -96,6 +114,21 @@ TEST_F(NaturalTool, ARunSaysThatAConfigurationsNaturalMarkersAreNotUsed) {
             std::string::npos);
   ASSERT_EQ(add(save("a.png", sheet(1))).exit_code, 0);
   EXPECT_EQ(said(natural, file()), "") << "the command line wins";
+}
+
+TEST_F(NaturalTool, ASequenceNeedsFeaturesAndPhotographsDoNot) {
+  ASSERT_EQ(add(save("a.png", sheet(1))).exit_code, 0);
+  const std::string config = (directory_ / "w.toml").string();
+  std::ofstream(config) << "[slam.natural]\nenabled = false\n";
+  expectBadInput(run(video(), {{"--natural", file()}, {"--config", config}}),
+                 "--natural: needs slam.natural.enabled");
+  std::filesystem::create_directory(directory_ / "photos");
+  for (const char* name : {"photos/1.png", "photos/2.png"}) {
+    (void)save(name, cv::Mat(kToolHeight, kToolWidth, CV_8U, cv::Scalar(128)));
+  }
+  const ProgramResult result =
+      run((directory_ / "photos").string(), {{"--natural", file()}, {"--config", config}});
+  EXPECT_EQ(result.exit_code, 3) << result.err;
 }
 
 }  // namespace

@@ -42,7 +42,7 @@ class FrameInput final : public RunInput {
       // The SLAM's times are those of the results: at the end both are asked which frame is which.
       const std::int64_t time_ns = stamp.monotonic_ns - *first_ns_;
       slam::FrameInput input{.time = {stamp.sequence, time_ns}, .image = frame->image()};
-      if (late != nullptr) input = late->prepare(input);
+      if (late != nullptr) input = late->prepare(input, slam);
       timer.beginFrame();
       const slam::FrameResult result = slam.process(input, &timer);
       timer.endFrame();

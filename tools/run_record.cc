@@ -82,7 +82,10 @@ void RunRecord::add(std::int64_t time_ns, const slam::FrameResult& result,
     states_.erase(states_.begin(), states_.begin() + earliest);
     forgotten_ += max_frames_;
   }
-  frames_.push_back({time_ns, result.pose, {result.detections.begin(), result.detections.end()}});
+  frames_.push_back({time_ns,
+                     result.pose,
+                     {result.detections.begin(), result.detections.end()},
+                     {result.found.begin(), result.found.end()}});
   states_.push_back({result.state, result.reason});
 }
 

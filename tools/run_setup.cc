@@ -11,6 +11,7 @@
 #include "io/settings/settings_file.h"
 #include "io/settings/slam_settings.h"
 #include "tools/natural/delayed_relocalizer.h"
+#include "tools/natural/photograph_relocalizer.h"
 #include "tools/natural/recorded_late_results.h"
 #include "tools/recorded_inputs.h"
 
@@ -113,8 +114,10 @@ Status addPictures(const std::string& file, RunSetup* setup) {
   if (!setup->options.lens.given) {
     return Error{"--natural: needs --calibration: pictures are looked for through a known lens"};
   }
-  if (setup->input->unorderedImages() || !setup->options.natural.enabled) {
-    return Error{"--natural: needs a sequence of images, and slam.natural.enabled"};
+  // Between photographs nothing is carried.
+  const bool photographs = setup->input->unorderedImages();
+  if (!photographs && !setup->options.natural.enabled) {
+    return Error{"--natural: needs slam.natural.enabled"};
   }
   Result<io::NaturalMarkerSet> set = io::readNaturalMarkers(file);
   if (!set) return set.error();
@@ -126,7 +129,12 @@ Status addPictures(const std::string& file, RunSetup* setup) {
   if (const std::string reason = setup->options.invalidReason(); !reason.empty()) {
     return Error{file + ": " + reason};
   }
-  setup->late = std::make_unique<DelayedRelocalizer>(io::picturesOf(std::move(*set)));
+  std::vector<slam::PosedNaturalMarker> pictures = io::picturesOf(std::move(*set));
+  if (photographs) {
+    setup->late = std::make_unique<PhotographRelocalizer>(std::move(pictures));
+  } else {
+    setup->late = std::make_unique<DelayedRelocalizer>(std::move(pictures));
+  }
   return success();
 }
 

@@ -12,6 +12,7 @@
 #include "slam/camera/rolling_shutter_estimator.h"
 #include "slam/camera_pose/known_marker.h"
 #include "slam/geometry/camera_model.h"
+#include "slam/late_result.h"
 #include "slam/map/map.h"
 #include "slam/map/marker_options.h"
 #include "slam/marker_screening/marker_screening.h"
@@ -27,7 +28,8 @@ struct RecordedFrame {
   std::span<const MarkerDetection> detections;
   Transform T_w_c;  // a first guess: as estimated then, or a neighbour's
   Vector6d twist = Vector6d::Zero();
-  int piece = 0;  // the world of the guess
+  int piece = 0;                        // the world of the guess
+  std::span<const LateResult> found{};  // pictures in it, of a photograph
 };
 
 // Where a recorded frame is in the map.

@@ -5,7 +5,7 @@
 
 namespace waymark::tools {
 
-slam::FrameInput DelayedRelocalizer::prepare(slam::FrameInput frame) {
+slam::FrameInput DelayedRelocalizer::prepare(slam::FrameInput frame, const slam::Slam& /*slam*/) {
   delivered_.clear();
   if (due_in_ > 0 && --due_in_ == 0) std::swap(delivered_, found_);
   frame.late = delivered_;

@@ -21,7 +21,7 @@ class DelayedRelocalizer final : public LateResults {
   explicit DelayedRelocalizer(std::vector<slam::PosedNaturalMarker> pictures, int delay_frames = 5)
       : relocalizer_(std::move(pictures)), delay_frames_(delay_frames) {}
 
-  [[nodiscard]] slam::FrameInput prepare(slam::FrameInput frame) override;
+  [[nodiscard]] slam::FrameInput prepare(slam::FrameInput frame, const slam::Slam& slam) override;
   void look(const slam::FrameInput& frame, const slam::FrameResult& result,
             const slam::Slam& slam) override;
 

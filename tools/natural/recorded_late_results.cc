@@ -111,7 +111,7 @@ Result<std::map<std::uint64_t, RecordedLateResults::Recorded>> RecordedLateResul
   return by_sequence;
 }
 
-slam::FrameInput RecordedLateResults::prepare(slam::FrameInput frame) {
+slam::FrameInput RecordedLateResults::prepare(slam::FrameInput frame, const slam::Slam& /*slam*/) {
   const auto found = by_sequence_.find(frame.time.sequence);
   if (found == by_sequence_.end()) return frame;
   frame.awaited = found->second.searched;

@@ -31,7 +31,7 @@ class RecordedLateResults final : public LateResults {
   [[nodiscard]] static Result<std::map<std::uint64_t, Recorded>> read(
       const std::filesystem::path& log);
 
-  [[nodiscard]] slam::FrameInput prepare(slam::FrameInput frame) override;
+  [[nodiscard]] slam::FrameInput prepare(slam::FrameInput frame, const slam::Slam& slam) override;
   void look(const slam::FrameInput& /*frame*/, const slam::FrameResult& /*result*/,
             const slam::Slam& /*slam*/) override {}
 

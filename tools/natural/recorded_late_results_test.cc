@@ -84,10 +84,15 @@ TEST(RecordedLateResults, AreGivenWithTheirFrame) {
   auto decoded = decodeNaturalDetections(encoded(someMessage()));
   ASSERT_TRUE(decoded);
   RecordedLateResults results({{decoded->sequence, decoded->recorded}});
-  const slam::FrameInput other = results.prepare({.time = {30, 0}});
+  slam::Options options;
+  options.markers.size_m = 0.1;
+  const slam::CameraModel camera(
+      {.width = 640, .height = 480, .fx = 512.0, .fy = 512.0, .cx = 319.5, .cy = 239.5});
+  const slam::Slam slam(camera, *slam::Dictionary::byName("4X4_50"), options);
+  const slam::FrameInput other = results.prepare({.time = {30, 0}}, slam);
   EXPECT_FALSE(other.awaited);
   EXPECT_TRUE(other.late.empty());
-  const slam::FrameInput frame = results.prepare({.time = {31, 0}});
+  const slam::FrameInput frame = results.prepare({.time = {31, 0}}, slam);
   EXPECT_TRUE(frame.awaited);
   EXPECT_EQ(frame.late.size(), 2U);
 }
