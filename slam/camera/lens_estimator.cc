@@ -95,54 +95,78 @@ bool LensEstimator::estimateNow(const RollingShutterEstimator& shutter,
                                 const BundleOptions& optimization, Map* map) {
   if (!options_.learn || map->keyframes().empty()) return false;
   // Of several lenses it is the newest frames'.
-  const bool dated =
-      knowledge_->changedUnderWay() && dateChange(shutter.seconds(), optimization, map);
+  const bool was_dated =
+      knowledge_->changedUnderWay() && dateChange(problemOf(shutter), optimization, map);
   LensProblem problem = problemOf(shutter);
   if (goBackToGiven(problem, optimization, map)) return true;
   problem.max_keyframes = std::numeric_limits<int>::max();
   const auto found = runToCompletion(
       [&](Budget* budget) { return estimateLens(*map, markers_, problem, optimization, budget); });
-  if (!found || !believes(*found, *map)) return dated;
+  if (!found || !believes(*found, *map)) return was_dated;
   (void)adopt(*found, shutter.seconds(), map);
   return true;
 }
 
+// The map as it is best if so many of the keyframes before were seen through the newest lens, too.
+struct LensEstimator::Dated {
+  std::int64_t since_ns = 0;
+  LensEstimate estimate;
+  double cost = std::numeric_limits<double>::infinity();
+  Map map;
+};
+
+std::optional<LensEstimator::Dated> LensEstimator::dated(std::int64_t since_ns, LensProblem problem,
+                                                         const BundleOptions& optimization,
+                                                         const Map& map) const {
+  problem.since_ns = since_ns;
+  problem.max_keyframes = std::numeric_limits<int>::max();
+  Map copy = map;
+  undistortAgain(*camera_, problem.readout_s, &copy, since_ns);
+  auto estimate = runToCompletion(
+      [&](Budget* budget) { return estimateLens(copy, markers_, problem, optimization, budget); });
+  if (!estimate || estimate->correction.keyframes.empty()) return std::nullopt;
+  (void)seeThrough(*estimate, problem.readout_s, since_ns, &copy);
+  BundleOptions options = optimization;
+  options.view_chi2 = 0.0;
+  options.estimate_residual_sigma = false;
+  const BundleSummary summary = optimizeGlobally(&copy, markers_, options);
+  if (summary.failed) return std::nullopt;
+  return Dated{since_ns, std::move(*estimate), summary.final_cost, std::move(copy)};
+}
+
 // A map that grows follows a change at first, by bending; noticed it is when it can no longer. So
-// the change is looked for backwards, in steps of twice as many keyframes each, and then between
-// them: where all of the map fits best.
-bool LensEstimator::dateChange(double readout_s, const BundleOptions& optimization, Map* map) {
-  std::vector<std::int64_t> times;  // of the keyframes before, newest first
+// the change is looked for backwards, in steps of twice as many keyframes each, and then around the
+// best of these: where all of the map fits best.
+bool LensEstimator::dateChange(const LensProblem& problem, const BundleOptions& optimization,
+                               Map* map) {
+  std::vector<std::int64_t> times = {
+      knowledge_->since_ns};  // and of the keyframes before, newest first
   for (const auto& [id, keyframe] : map->keyframes()) {
     if (keyframe.monotonic_ns < knowledge_->since_ns) times.push_back(keyframe.monotonic_ns);
   }
   std::ranges::sort(times, std::greater());
-  BundleOptions options = optimization;
-  options.view_chi2 = 0.0;
-  options.estimate_residual_sigma = false;
-  double least = std::numeric_limits<double>::infinity();
-  std::size_t best = 0;  // so many of them were seen through the lens in use
-  std::optional<Map> fits;
-  const auto tryCount = [&](std::size_t count) {
-    Map copy = *map;
-    if (count > 0) undistortAgain(*camera_, readout_s, &copy, times[count - 1]);
-    const BundleSummary summary = optimizeGlobally(&copy, markers_, options);
-    if (summary.failed || !(summary.final_cost < least)) return false;
-    least = summary.final_cost;
-    best = count;
-    fits = std::move(copy);
-    return true;
+  std::optional<Dated> best;
+  std::size_t best_count = 0;
+  const auto attempt = [&](std::size_t count) {
+    auto found = dated(times[count], problem, optimization, *map);
+    if (!found || (best && !(found->cost < best->cost))) return;
+    best = std::move(found);
+    best_count = count;
   };
-  (void)tryCount(0);
+  attempt(0);
   std::size_t step = 1;
-  while (best + step <= times.size() && tryCount(best + step)) step *= 2;
-  for (; step > 0; step /= 2) {
-    if (best + step <= times.size()) (void)tryCount(best + step);
-    if (best >= step) (void)tryCount(best - step);
+  for (; step < times.size(); step *= 2) attempt(step);
+  for (step = best_count / 2; step > 0; step /= 2) {
+    const std::size_t around = best_count;
+    if (around + step < times.size()) attempt(around + step);
+    attempt(around - step);
   }
-  if (best == 0) return false;
-  *map = std::move(*fits);
-  knowledge_->since_ns = knowledge_->earlier.back().until_ns = times[best - 1];
-  ++knowledge_->changes;
+  if (best_count == 0) return false;
+  *map = std::move(best->map);
+  *camera_ = best->estimate.camera;
+  knowledge_->since_ns = knowledge_->earlier.back().until_ns = best->since_ns;
+  knowledge_->adopt(best->estimate.camera, best->estimate.covariance, best->estimate.rms_before_px,
+                    best->estimate.rms_after_px, options_.prior, options_.learned_focal_share);
   return true;
 }
 

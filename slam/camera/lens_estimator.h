@@ -61,9 +61,12 @@ class LensEstimator {
   }
   [[nodiscard]] LensProblem problemOf(const RollingShutterEstimator& shutter) const;
   [[nodiscard]] bool believes(const LensEstimate& estimate, const Map& map) const;
-  // The frames of the map in which the lens had changed before anybody noticed are undistorted as
-  // its own from then on. Whether there were any.
-  bool dateChange(double readout_s, const BundleOptions& optimization, Map* map);
+  struct Dated;
+  [[nodiscard]] std::optional<Dated> dated(std::int64_t since_ns, LensProblem problem,
+                                           const BundleOptions& optimization, const Map& map) const;
+  // Since when the newest lens was in use: from before anybody noticed the change on, the map's
+  // keyframes are undistorted as its own. Whether there were any.
+  bool dateChange(const LensProblem& problem, const BundleOptions& optimization, Map* map);
   [[nodiscard]] bool goBackToGiven(const LensProblem& problem, const BundleOptions& optimization,
                                    Map* map);
   // Poses and corners of the map are as the estimate says.
