@@ -139,10 +139,14 @@ std::optional<LensEstimator::Dated> LensEstimator::dated(std::int64_t since_ns, 
 // best of these: where all of the map fits best.
 bool LensEstimator::dateChange(const LensProblem& problem, const BundleOptions& optimization,
                                Map* map) {
-  std::vector<std::int64_t> times = {
-      knowledge_->since_ns};  // and of the keyframes before, newest first
+  // No further back than the change before.
+  const auto& earlier = knowledge_->earlier;
+  const std::int64_t first_ns = earlier.size() > 1 ? earlier[earlier.size() - 2].until_ns
+                                                   : std::numeric_limits<std::int64_t>::min();
+  std::vector<std::int64_t> times = {knowledge_->since_ns};  // then of keyframes, newest first
   for (const auto& [id, keyframe] : map->keyframes()) {
-    if (keyframe.monotonic_ns < knowledge_->since_ns) times.push_back(keyframe.monotonic_ns);
+    const std::int64_t time_ns = keyframe.monotonic_ns;
+    if (time_ns >= first_ns && time_ns < knowledge_->since_ns) times.push_back(time_ns);
   }
   std::ranges::sort(times, std::greater());
   std::optional<Dated> best;

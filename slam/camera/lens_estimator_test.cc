@@ -1,8 +1,10 @@
 #include "slam/camera/lens_estimator.h"
 
 #include <cmath>
+#include <cstdint>
 #include <cstdio>
 #include <random>
+#include <utility>
 #include <vector>
 
 #include <gtest/gtest.h>
@@ -259,6 +261,36 @@ TEST_F(LensEstimatorTest, TheMapMeasuresAMeasuredLensBetter) {
   see(asUnmeasured(given));
   EXPECT_FALSE(estimator.estimateNow(shutter_, kBundle, &map_));
   EXPECT_FALSE(knowledge_.refines_given);
+}
+
+// The focus changed at the sixth keyframe, which was noticed at the eleventh.
+TEST_F(LensEstimatorTest, AChangeIsDated) {
+  const CameraModel longer = shifted(truth_, 0.03, 0.0, 0.0);
+  const auto first_rng = rng_;
+  const Map before = testing::lensScene(truth_, kSigma_px, &rng_);
+  rng_ = first_rng;
+  const Map after = testing::lensScene(longer, kSigma_px, &rng_);
+  for (const auto& [id, marker] : before.markers()) {
+    map_.addMarker(id, marker.size_m);
+    map_.place(id, *marker.T_w_m);
+  }
+  constexpr std::int64_t kSecond_ns = 1'000'000'000;
+  for (KeyframeId k = 0; k < 14; ++k) {
+    Keyframe keyframe = (k < 5 ? before : after).keyframes().at(k);
+    keyframe.monotonic_ns = k * kSecond_ns;
+    (void)map_.addKeyframe(std::move(keyframe));
+  }
+  camera_ = shifted(truth_, 0.027, 0.0, 0.0);  // about as it was found
+  knowledge_.adopt(camera_, 0.01 * IntrinsicMatrix::Identity(), 1.0, 0.1, LensPrior{}, 0.002);
+  knowledge_.since_ns = 10 * kSecond_ns;
+  knowledge_.earlier = {{truth_, knowledge_.since_ns}};
+  undistortAgain(truth_, 0.0, &map_);
+  undistortAgain(camera_, 0.0, &map_, knowledge_.since_ns);
+  LensEstimator estimator = this->estimator();
+  EXPECT_TRUE(estimator.estimateNow(shutter_, kBundle, &map_));
+  EXPECT_EQ(knowledge_.since_ns, 5 * kSecond_ns);
+  EXPECT_EQ(knowledge_.earlier.back().until_ns, 5 * kSecond_ns);
+  EXPECT_NEAR(camera_.calibration().fx / longer.calibration().fx, 1.0, 1e-3);
 }
 
 // A part of the map spoke for another lens; all of it does not.
