@@ -152,15 +152,27 @@ TEST(ConstraintCheck, AContradictionIsOneLine) {
 
 // Three are as many as fix a map's place, so nothing else says which of them is the wrong one.
 TEST(ConstraintCheck, PositionsThatContradictEachOtherAreTold) {
-  WallRun run(8);
-  run.options.constraints = {};
-  for (const int id : {0, 6, 11}) {
-    run.options.constraints.positions.push_back(
-        {.id = id, .p_w = run.truth[at(id)].T_w_m.p, .sigma_m = 0.01});
+  std::mt19937 rng(8);
+  constexpr double kSize_m = 0.12;
+  const CameraModel camera(testing::testCalibration());
+  const auto markers = testing::markerWall(2, 4, 0.5, &rng);
+  std::vector<Transform> views;
+  for (const double x : {-0.4, 0.0, 0.4}) {
+    views.push_back(testing::lookAt({x, 0.5, 0.2 * x}, {0.0, 3.0, 0.0}));
   }
-  run.options.constraints.positions[1].p_w.x() += 0.5;
-  run.optimize();
-  const auto found = contradictions({&run.map}, run.options);
+  Map map = testing::trueMap(camera, views, markers, kSize_m, kSigma_px, &rng);
+  MarkerOptions options{.size_m = kSize_m};
+  for (const std::size_t i : {0, 3, 4}) {  // not in one line
+    options.constraints.positions.push_back(
+        {.id = markers[i].id, .p_w = markers[i].T_w_m.p, .sigma_m = 0.01});
+  }
+  const auto optimized = [&] {
+    (void)optimizeGlobally(&map, options, {.max_iterations = 50});
+    return contradictions({&map}, options);
+  };
+  EXPECT_TRUE(optimized().empty());
+  options.constraints.positions[1].p_w.x() += 0.5;
+  const auto found = optimized();
   ASSERT_FALSE(found.empty());
   EXPECT_EQ(found[0].source.kind, Kind::kPosition);
   EXPECT_GT(found[0].sigmas, 5.0);

@@ -114,6 +114,7 @@ TEST(RunVerdict, ALensThatIsNotLearnedYet) {
   facts.lens_open_share = 0.0068;
   expectAdvice(facts, Grade::kDoubtful,
                "the lens is not learned yet, its focal length known to 0.68 %: come nearer");
+  facts.lens_open_share = 0.0;
   facts.rms_px = 1.6;
   expectAdvice(facts, Grade::kDoubtful, "the lens may be learned wrongly");
 }
