@@ -52,12 +52,16 @@ std::string HealthJournal::describeState(const health_t& health) {
 
 std::string HealthJournal::changedLens(const lens_t& lens) {
   const double was_px = std::exchange(reported_focal_px_, lens.fx);
-  if (std::exchange(reported_lens_changes_, lens.changes) == lens.changes) return {};
+  // Fewer than before: another map was begun or loaded, and its lens is told as given.
+  if (lens.changes <= std::exchange(reported_lens_changes_, lens.changes)) return {};
+  std::array<char, 32> before{};
+  if (was_px > 0.0) std::snprintf(before.data(), before.size(), " (%.2f before)", was_px);
   std::array<char, 200> text{};
-  std::snprintf(text.data(), text.size(),
-                "the markers tell another lens: focal length %.2f px (%.2f before), known to "
-                "%.2g %%; corners fit to %.2f px (%.2f before)",
-                lens.fx, was_px, 100.0 * lens.focal_sigma, lens.rms_after_px, lens.rms_before_px);
+  std::snprintf(
+      text.data(), text.size(),
+      "the markers tell another lens: focal length %.2f px%s, known to %.2g %%; corners fit "
+      "to %.2f px (%.2f before)",
+      lens.fx, before.data(), 100.0 * lens.focal_sigma, lens.rms_after_px, lens.rms_before_px);
   return text.data();
 }
 

@@ -88,6 +88,10 @@ TEST(HealthJournal, TellsOfAnotherLensOnce) {
   }
   health.monotonic_ns += 5'000'000'000;
   EXPECT_EQ(journal.changes(health).lens, "");
+  // Another map was begun: its SLAM has this lens as given.
+  health.lens.changes = 0;
+  health.monotonic_ns += 60 * kSecond;
+  EXPECT_EQ(journal.changes(health).lens, "");
 }
 
 }  // namespace

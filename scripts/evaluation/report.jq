@@ -154,7 +154,7 @@ def three($times): $times | "\(.mean | digits) / \(.p99 | digits) / \(.worst | d
 def two($errors): $errors | "\(.rms | digits) / \(.worst | digits)";
 def gap_table:
   table(["scene", "gaps", "way, m", "off at the end, mm: rms / worst", "degrees: rms / worst", "of the way: rms / worst",
-         "scale: rms / told", "jump, mm: rms / worst", "NEES at 1 / 2 / 5 / 10 s", "frames with a pose", "NEES above 54",
+         "scale: rms / told at most", "jump, mm: rms / worst", "NEES at 1 / 2 / 5 / 10 s", "frames with a pose", "NEES above 54",
          "longest beyond 3 sigma, s", "markers in the map: after the first way / at the end of all",
          "farthest two off, mm: rms / worst", "mean / p99 / longest frame, ms", "natural features of it, ms",
          "target", "met", "version"];

@@ -71,8 +71,8 @@ nothing but natural features. *Off at the end*: the last carried pose against th
 marker before the gap; *jump*: of the published pose at the next marker, beside the camera's own motion;
 NEES: 6 is expected, and beyond 54 an error is more than three standard deviations in every coordinate.
 *Longest beyond 3 sigma*: how long at a time a position, of any pose, is farther off than three times what its
-covariance says in the direction of that error. *Scale*: of the way since the last marker, along it, and the
-standard deviation that the covariance tells of it, both rms. *Markers in the map*: of all runs, the live
+covariance says in the direction of that error. *Scale*: of the way since the last marker, along it, and what
+the covariance tells of the end's place in that direction, in which the doubt about the way's beginning is as well, both rms. *Markers in the map*: of all runs, the live
 map that the camera is in; the first way ends at half the time where the camera comes back to where it began,
 in the middle of the corridor's turn at its far end. CPU time of the whole
 SLAM thread, and what natural features take of it. A lost gap, which ends without a pose, meets no target.

@@ -42,17 +42,16 @@ double varianceAlong(const PoseEstimate& pose, const Vector3d& direction) {
   return direction.dot(pose.covariance.topLeftCorner<3, 3>() * direction);
 }
 
-// Along the way the position was as uncertain at its start already, and still is: what was added
-// since is of the way. How well the start's orientation is known says nothing of its length.
+// What is told of the end's place along the way is of its length and of where it began, which have
+// more or less in common: the scale's share is that at most.
 std::optional<Scale> scaleOf(const PoseEstimate& start, const Transform& true_start,
                              const PoseEstimate& end, const Transform& true_end) {
   const Vector3d way = true_end.p - true_start.p;
   const double length_m = way.norm();
   if (!(length_m > kShortestWay_m)) return std::nullopt;
   const Vector3d along = way / length_m;
-  const double added = varianceAlong(end, along) - varianceAlong(start, along);
   return Scale{along.dot(end.T_w_c.p - start.T_w_c.p) / length_m - 1.0,
-               std::sqrt(std::max(added, 0.0)) / length_m};
+               std::sqrt(varianceAlong(end, along)) / length_m};
 }
 
 }  // namespace

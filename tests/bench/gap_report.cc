@@ -148,7 +148,7 @@ double number(const io::Json& json, const char* a) { return json.at(a).get<doubl
 
 void printScale(const io::Json& scale_percent) {
   if (scale_percent.is_null()) return;
-  std::printf("; scale %.2f %% rms, told %.2f", number(scale_percent, "rms"),
+  std::printf("; scale %.2f %% rms, told at most %.2f", number(scale_percent, "rms"),
               number(scale_percent, "told"));
 }
 
@@ -160,7 +160,7 @@ void printGap(const Gap& gap) {
                 1e3 * gap.last->error_m, 1e3 * gap.last->from_marker_m, 1e3 * gap.last->sigma_m,
                 gap.last->nees);
     if (const auto& scale = gap.last->scale) {
-      std::printf(", scale %.2f %%, told %.2f", 1e2 * scale->error, 1e2 * scale->sigma);
+      std::printf(", scale %.2f %%, told at most %.2f", 1e2 * scale->error, 1e2 * scale->sigma);
     }
   }
   if (gap.jump_m) std::printf(", jump %.1f mm", 1e3 * *gap.jump_m);

@@ -17,7 +17,7 @@ inline constexpr std::array<double, 4> kInto_s = {1.0, 2.0, 5.0, 10.0};
 // Of the way from the last pose from markers on, along it.
 struct Scale {
   double error = 0.0;  // estimated over true, less 1
-  double sigma = 0.0;  // as told
+  double sigma = 0.0;  // as told, at most
 };
 
 // A pose that was carried, against the truth.
