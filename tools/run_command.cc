@@ -157,9 +157,7 @@ void tellOfLens(const RunArguments& arguments, bool lens_given, const slam::Slam
   const slam::LensKnowledge& lens = slam.lens();
   if (lens_given && lens.state == slam::LensState::kGiven) return;
   const std::string& file = arguments.calibration;
-  const std::string name = !lens_given    ? ""
-                           : file.empty() ? "the recording's own calibration"
-                                          : file;
+  const std::string name = !lens_given ? "" : file.empty() ? "the lens known beforehand" : file;
   const auto finding = diagnosis::lensFinding(name, lens, slam.camera().calibration().fx);
   const bool all_is_well = !lens_given && finding.level == diagnosis::Finding::Level::kGood;
   if (!(all_is_well && arguments.quiet)) {

@@ -24,7 +24,7 @@ struct StartMap {
   std::string not_writable;           // why slam.map_out is not, for now; usually empty
   slam::Options options;              // with what the map knows of the camera
   // The lens to begin with, where it is the map's and not the one that was asked for.
-  std::optional<slam::Calibration> lens;
+  std::optional<slam::Calibration> lens{};
 };
 
 // A SLAM that begins with a map, in pieces or not.

@@ -102,7 +102,7 @@ void checkWithin(double limit, std::span<const double> values, const JsonNode& n
 }
 
 slam::Matrix6d readCovariance(const JsonNode& node) {
-  const slam::Matrix6d covariance = readUpperTriangle<6>(node);
+  slam::Matrix6d covariance = readUpperTriangle<6>(node);
   checkWithin(kLargestVariance, {covariance.data(), 36}, node);
   return covariance;
 }

@@ -32,7 +32,7 @@ struct OldMap {
   // The map's lens, where it is to be in use instead of OldMapUse::camera: nobody has given one; or
   // what was given allows for it, and the map knows it better. Without a covariance it is the guess
   // to begin with.
-  std::optional<slam::Calibration> lens;
+  std::optional<slam::Calibration> lens{};
 };
 
 // Another dictionary, another size of a marker, nothing to localize in where that is all that is

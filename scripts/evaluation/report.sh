@@ -77,7 +77,8 @@ map that the camera is in; the first way ends at half the time where the camera 
 in the middle of the corridor's turn at its far end. CPU time of the whole
 SLAM thread, and what natural features take of it. A lost gap, which ends without a pose, meets no target.
 The paper's own gap of 3.5 m ends with a jump of 1.2 m, the best peer's of 2.4 m 5.6 to
-6.8 cm off, for 25 ms a frame and 345 at worst. More runs: [consistency.md](consistency.md).
+6.8 cm off, for 25 ms a frame and 345 at worst. More runs, and Davison's own recording from its four known points:
+[consistency.md](consistency.md#between-markers).
 
 ![dolly at 320x240: errors and way over time](dolly.svg)
 
