@@ -6,7 +6,6 @@
 #include <iterator>
 #include <map>
 #include <optional>
-#include <span>
 #include <utility>
 #include <vector>
 
@@ -29,10 +28,7 @@ std::string mapText(const slam::Slam& slam, const slam::Map& main_piece, const R
   std::vector<slam::Map> pieces = slam::piecesThroughOneLens(slam);
   const auto main = std::ranges::find(pieces, main_piece.piece, &slam::Map::piece);
   std::rotate(pieces.begin(), main, std::next(main));
-  std::vector<const slam::Map*> all;
-  for (const slam::Map& piece : pieces) all.push_back(&piece);
-  const slam::Calibration camera = slam.lens().calibrationOf(slam.camera());
-  return io::formatMap(*all.front(), camera, slam.readout_s(), field, std::span(all).subspan(1));
+  return io::formatMap(pieces, slam.lens().calibrationOf(slam.camera()), slam.readout_s(), field);
 }
 
 // The piece of the map that files of one world are of: the one with an anchor, or else the one with

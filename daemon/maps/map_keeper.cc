@@ -114,11 +114,8 @@ std::unique_ptr<slam::Slam> makeSlam(const io::SlamSettings& settings,
 }
 
 std::string mapText(const slam::Slam& slam) {
-  const slam::Calibration camera = slam.lens().calibrationOf(slam.camera());
-  const std::vector<slam::Map> pieces = slam::piecesThroughOneLens(slam);
-  std::vector<const slam::Map*> all;
-  for (const slam::Map& piece : pieces) all.push_back(&piece);
-  return io::formatMap(*all.front(), camera, slam.readout_s(), {}, std::span(all).subspan(1));
+  return io::formatMap(slam::piecesThroughOneLens(slam), slam.lens().calibrationOf(slam.camera()),
+                       slam.readout_s(), {});
 }
 
 fs::path previousOf(const fs::path& map_file) { return map_file.string() + ".previous"; }

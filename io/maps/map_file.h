@@ -41,6 +41,10 @@ struct MapFile {
                                     double readout_s = 0.0,
                                     const std::optional<FieldSize>& field = {},
                                     std::span<const slam::Map* const> other_pieces = {});
+// Of a map in pieces, the first one first. Precondition: there is one.
+[[nodiscard]] std::string formatMap(std::span<const slam::Map> pieces,
+                                    const std::optional<slam::Calibration>& camera,
+                                    double readout_s, const std::optional<FieldSize>& field);
 [[nodiscard]] std::string formatMap(const MapFile& file);
 
 // The corners of all pieces anew, through that lens, with the file's readout time.

@@ -122,6 +122,12 @@ Json keyframeJson(const slam::Keyframe& keyframe) {
   return json;
 }
 
+std::vector<const slam::Map*> pointersTo(std::span<const slam::Map> pieces) {
+  std::vector<const slam::Map*> pointers;
+  for (const slam::Map& piece : pieces) pointers.push_back(&piece);
+  return pointers;
+}
+
 }  // namespace
 
 std::string formatMap(const slam::Map& map, const std::optional<slam::Calibration>& camera,
@@ -162,9 +168,15 @@ std::string formatMap(const slam::Map& map, const std::optional<slam::Calibratio
   return head + map_keys::checksumLine(map_keys::checksum(head, body)) + body;
 }
 
+std::string formatMap(std::span<const slam::Map> pieces,
+                      const std::optional<slam::Calibration>& camera, double readout_s,
+                      const std::optional<FieldSize>& field) {
+  const std::vector<const slam::Map*> others = pointersTo(pieces.subspan(1));
+  return formatMap(pieces.front(), camera, readout_s, field, others);
+}
+
 std::string formatMap(const MapFile& file) {
-  std::vector<const slam::Map*> others;
-  for (const slam::Map& piece : file.other_pieces) others.push_back(&piece);
+  const std::vector<const slam::Map*> others = pointersTo(file.other_pieces);
   return formatMap(file.map, file.camera, file.readout_s, file.field, others);
 }
 

@@ -39,7 +39,7 @@ bool sameSize(const slam::Calibration& a, const slam::Calibration& b) {
 
 // What was given allows for the lens that the map has measured, and knows less of it.
 bool knowsLensBetter(const slam::Calibration& of_map, const slam::Calibration& given) {
-  if (!of_map.covariance || !sameSize(of_map, given)) return false;
+  if (!of_map.covariance) return false;
   if (given.covariance && !((*of_map.covariance)(0, 0) < (*given.covariance)(0, 0))) return false;
   return !slam::LensPrior{}.isContradicted(slam::CameraModel(given), slam::CameraModel(of_map));
 }
@@ -75,7 +75,7 @@ void agreeOnReadout(OldMap* old, slam::Options* options) {
 
 std::optional<double> largestLensDifference_px(const slam::Calibration& a,
                                                const slam::Calibration& b) {
-  if (a.width != b.width || a.height != b.height || a.model != b.model) return std::nullopt;
+  if (!sameSize(a, b) || a.model != b.model) return std::nullopt;
   constexpr int kSteps = 20;
   const slam::CameraModel from(a);
   const slam::CameraModel to(b);

@@ -208,7 +208,8 @@ run_recording() {
   local recording=$1 from=$2 source=$3 extra
   shift 3
   mapfile -t extra < <(jq -r '.options[]?' <<< "$recording")
-  "$waymark" run "$source" --calibration "$from/calib.yml" --quiet \
+  [[ $(jq '.calibrated' <<< "$recording") == false ]] || extra+=(--calibration "$from/calib.yml")
+  "$waymark" run "$source" --quiet \
     --dictionary "$(jq -r .dictionary <<< "$recording")" \
     --marker-size "$(jq -r .size_m <<< "$recording")" "${extra[@]}" "$@"
 }
@@ -232,10 +233,8 @@ measure_in_pieces() {
     surveyed_markers "$recording" "$from" > "$work/survey.toml"
     options+=(--config "$work/survey.toml")
   fi
-  [[ $(jq '.calibrated' <<< "$recording") != true ]] || options+=(--calibration "$from/calib.yml")
   rm -rf "$kept"
-  "$waymark" run "$detections" --quiet --out "$kept" "${options[@]}" \
-    --dictionary "$(jq -r .dictionary <<< "$recording")" --marker-size "$(jq -r .size_m <<< "$recording")"
+  run_recording "$recording" "$from" "$detections" --out "$kept" "${options[@]}"
   mapfile -t ignored < <(jq -r '.ignore[]' <<< "$recording")
   "$waymark" eval --json --truth "$from/gt_traj.txt" --estimate "$kept/trajectory_final.tum" \
     --truth-map "$from/gt_map.json" --map "$kept/map.json" --ignore "${ignored[@]}" \

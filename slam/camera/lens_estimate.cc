@@ -11,16 +11,11 @@
 
 #include "slam/camera/lens_model.h"
 #include "slam/camera/readout_estimate.h"
+#include "slam/geometry/robust.h"
 #include "slam/optimization/normal_equations.h"
 
 namespace waymark::slam {
 namespace {
-
-// Nobody is left out while the lens is wrong: the views that speak loudest of it fit worst.
-BundleOptions ungated(BundleOptions options) {
-  options.view_chi2 = 0.0;
-  return options;
-}
 
 // Beginning with that one, in whatever model it is.
 void freeLens(const CameraModel& beginning, const LensProblem& lens, BundleProblem* problem) {
@@ -39,13 +34,9 @@ void holdMarkers(Subproblem* part) {
   for (std::size_t k = 0; k < part->keyframes.size(); ++k) part->problem.cameras[k].fixed = false;
 }
 
-void holdLens(const LensProblem& lens, BundleProblem* problem) {
-  problem->lens->expected = lens.in_use.intrinsics();
-  problem->lens->covariance.setZero();
-}
-
-void holdAnother(const CameraModel& other, const LensProblem& lens, BundleProblem* problem) {
-  problem->lens = {other, lens.in_use, other.intrinsics(), IntrinsicMatrix::Zero()};
+// Through that one, whatever the corners say.
+void holdLens(const CameraModel& held, const LensProblem& lens, BundleProblem* problem) {
+  problem->lens = {held, lens.in_use, held.intrinsics(), IntrinsicMatrix::Zero()};
 }
 
 // As seen from the first camera.
@@ -79,18 +70,26 @@ std::vector<double> squaredErrors(const BundleProblem& problem) {
   return squared;
 }
 
-double rmsPx(const BundleProblem& problem) {
-  const std::vector<double> squared = squaredErrors(problem);
+double rootMean(const std::vector<double>& squared) {
   const double sum = std::accumulate(squared.begin(), squared.end(), 0.0);
   return squared.empty() ? 0.0 : std::sqrt(sum / static_cast<double>(squared.size()));
 }
 
-double medianPx(const BundleProblem& problem) {
-  std::vector<double> squared = squaredErrors(problem);
-  if (squared.empty()) return 0.0;
-  const auto middle = squared.begin() + static_cast<std::ptrdiff_t>(squared.size() / 2);
-  std::ranges::nth_element(squared, middle);
-  return std::sqrt(*middle);
+double rmsPx(const BundleProblem& problem) { return rootMean(squaredErrors(problem)); }
+
+double rootMedian(std::vector<double> squared) {
+  return squared.empty() ? 0.0 : std::sqrt(median(std::move(squared)));
+}
+
+// Without the correction.
+LensComparison errorsOf(const BundleProblem& in_use, const BundleProblem& other) {
+  const std::vector<double> as_is = squaredErrors(in_use);
+  const std::vector<double> as_other = squaredErrors(other);
+  return {.correction = {},
+          .rms_in_use_px = rootMean(as_is),
+          .rms_px = rootMean(as_other),
+          .median_in_use_px = rootMedian(as_is),
+          .median_px = rootMedian(as_other)};
 }
 
 // How well a lens explains the corners, in units of the noise; more than any where it does not see
@@ -108,7 +107,7 @@ Task<double> chi2BeyondBend(BundleProblem problem, const LensProblem& lens, Bund
                             Budget* budget) {
   freeMarkers(&problem);
   BundleProblem held = problem;
-  holdLens(lens, &held);
+  holdLens(lens.in_use, lens, &held);
   BundleAdjuster bent(std::move(held), options);
   const BundleSummary of_bent = co_await bent.run(budget);
   BundleProblem freed = bent.problem();
@@ -146,7 +145,7 @@ Task<std::optional<Settled>> settle(BundleProblem problem, const BundleOptions& 
 Task<double> rmsAtBest(BundleProblem problem, const LensProblem& lens, const BundleOptions& options,
                        Budget* budget) {
   const double before_px = rmsPx(problem);
-  holdLens(lens, &problem);
+  holdLens(lens.in_use, lens, &problem);
   const std::optional<Settled> held = co_await settle(std::move(problem), options, budget);
   co_return held ? std::min(before_px, rmsPx(held->adjuster.problem())) : before_px;
 }
@@ -216,7 +215,7 @@ Task<std::optional<LensEstimate>> estimateLens(const Map& map, const MarkerOptio
   // that, too, where nobody knows it.
   BundleProblem in_use = part.problem;
   if (!lens.readout_known) {
-    holdLens(lens, &in_use);
+    holdLens(lens.in_use, lens, &in_use);
     BundleAdjuster held(in_use, ungated(options));
     const BundleSummary of_held = co_await held.run(budget);
     if (!of_held.failed) in_use = held.problem();
@@ -263,17 +262,13 @@ Task<std::optional<LensComparison>> compareLens(const CameraModel& other, const 
                                                 BundleOptions options, Budget* budget) {
   Subproblem part = co_await buildSubproblem(map, wholeMap(map), markers, budget);
   if (!lens.readout_known) freeReadout(map, lens.readout_s, lens.in_use, &part);
-  holdAnother(lens.in_use, lens, &part.problem);
+  holdLens(lens.in_use, lens, &part.problem);
   const std::optional<Settled> in_use = co_await settle(part.problem, options, budget);
-  holdAnother(other, lens, &part.problem);
+  holdLens(other, lens, &part.problem);
   std::optional<Settled> through = co_await settle(std::move(part.problem), options, budget);
   if (!in_use || !through) co_return std::nullopt;
-  const BundleProblem& as_is = in_use->adjuster.problem();
-  const BundleProblem& as_other = through->adjuster.problem();
-  std::optional<LensComparison> comparison({.rms_in_use_px = rmsPx(as_is),
-                                            .rms_px = rmsPx(as_other),
-                                            .median_in_use_px = medianPx(as_is),
-                                            .median_px = medianPx(as_other)});
+  std::optional<LensComparison> comparison =
+      errorsOf(in_use->adjuster.problem(), through->adjuster.problem());
   comparison->correction = co_await correctionOf(part, through->adjuster, budget);
   co_return comparison;
 }

@@ -6,6 +6,7 @@
 #include <utility>
 #include <vector>
 
+#include "slam/camera/readout_estimate.h"
 #include "slam/camera/undistort_map.h"
 #include "slam/optimization/map_optimizer.h"
 
@@ -126,8 +127,7 @@ std::optional<LensEstimator::Dated> LensEstimator::dated(std::int64_t since_ns, 
       [&](Budget* budget) { return estimateLens(copy, markers_, problem, optimization, budget); });
   if (!estimate || estimate->correction.keyframes.empty()) return std::nullopt;
   (void)seeThrough(*estimate, problem.readout_s, since_ns, &copy);
-  BundleOptions options = optimization;
-  options.view_chi2 = 0.0;
+  BundleOptions options = ungated(optimization);
   options.estimate_residual_sigma = false;
   const BundleSummary summary = optimizeGlobally(&copy, markers_, options);
   if (summary.failed) return std::nullopt;
@@ -167,10 +167,8 @@ bool LensEstimator::dateChange(const LensProblem& problem, const BundleOptions& 
   }
   if (best_count == 0) return false;
   *map = std::move(best->map);
-  *camera_ = best->estimate.camera;
   knowledge_->since_ns = knowledge_->earlier.back().until_ns = best->since_ns;
-  knowledge_->adopt(best->estimate.camera, best->estimate.covariance, best->estimate.rms_before_px,
-                    best->estimate.rms_after_px, options_.prior, options_.learned_focal_share);
+  putInUse(best->estimate);
   return true;
 }
 
@@ -226,11 +224,15 @@ std::optional<Transform> LensEstimator::seeThrough(const LensEstimate& estimate,
   return T_new_old;
 }
 
-std::optional<Transform> LensEstimator::adopt(const LensEstimate& estimate, double readout_s,
-                                              Map* map) {
+void LensEstimator::putInUse(const LensEstimate& estimate) {
   *camera_ = estimate.camera;
   knowledge_->adopt(estimate.camera, estimate.covariance, estimate.rms_before_px,
                     estimate.rms_after_px, options_.prior, options_.learned_focal_share);
+}
+
+std::optional<Transform> LensEstimator::adopt(const LensEstimate& estimate, double readout_s,
+                                              Map* map) {
+  putInUse(estimate);
   return seeThrough(estimate, readout_s, knowledge_->since_ns, map);
 }
 

@@ -72,6 +72,7 @@ class LensEstimator {
   // Poses and corners of the map are as the estimate says.
   static std::optional<Transform> seeThrough(const LensEstimate& estimate, double readout_s,
                                              std::int64_t since_ns, Map* map);
+  void putInUse(const LensEstimate& estimate);
   std::optional<Transform> adopt(const LensEstimate& estimate, double readout_s, Map* map);
   void beginWhole(const LensEstimate& estimate, double readout_s, const BundleOptions& optimization,
                   const Map& map);

@@ -7,6 +7,11 @@
 
 namespace waymark::slam {
 
+BundleOptions ungated(BundleOptions options) {
+  options.view_chi2 = 0.0;
+  return options;
+}
+
 void freeReadout(const Map& map, double readout_s, const CameraModel& camera, Subproblem* part) {
   BundleProblem& problem = part->problem;
   BundleProblem::Shutter shutter;

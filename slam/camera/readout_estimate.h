@@ -12,6 +12,10 @@
 
 namespace waymark::slam {
 
+// Nobody is left out while shutter or lens are not known well: the views that speak loudest of them
+// fit worst.
+[[nodiscard]] BundleOptions ungated(BundleOptions options);
+
 // The readout time becomes an unknown of the part, whose corners were corrected with readout_s:
 // where they would have moved with another one.
 void freeReadout(const Map& map, double readout_s, const CameraModel& camera, Subproblem* part);

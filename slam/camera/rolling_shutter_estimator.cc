@@ -9,12 +9,6 @@
 namespace waymark::slam {
 namespace {
 
-// While the shutter is not known well, the views that speak loudest of it fit worst.
-BundleOptions ungated(BundleOptions options) {
-  options.view_chi2 = 0.0;
-  return options;
-}
-
 // How well the readout time is known that a run begins with. One that was learned before had to be
 // so many of its standard deviations long.
 double sigmaAtTheStart(const RollingShutterOptions& shutter) {

@@ -9,12 +9,17 @@
 namespace waymark::slam {
 namespace {
 
-TEST(UndistortMap, CornersFollowThePixels) {
+// Three markers on a wall, seen once through the test's lens.
+Map wallMap() {
   std::mt19937 rng(2);
-  const CameraModel camera(testing::testCalibration());
   const auto markers = testing::markerWall(1, 3, 0.5, &rng);
   const Transform view = testing::lookAt({0.0, 0.5, 0.0}, {0.0, 3.0, 0.0});
-  Map map = testing::trueMap(camera, {&view, 1}, markers, 0.12, 0.1, &rng);
+  return testing::trueMap(CameraModel(testing::testCalibration()), {&view, 1}, markers, 0.12, 0.1,
+                          &rng);
+}
+
+TEST(UndistortMap, CornersFollowThePixels) {
+  Map map = wallMap();
   ASSERT_EQ(map.keyframes().at(0).detections.size(), 3U);
 
   Calibration other = testing::testCalibration();
@@ -39,11 +44,8 @@ TEST(UndistortMap, CornersFollowThePixels) {
 // A map in a file has one camera: what was seen before the focus changed is what this one would
 // have seen.
 TEST(UndistortMap, SeenThroughOneLens) {
-  std::mt19937 rng(2);
   const CameraModel before(testing::testCalibration());
-  const auto markers = testing::markerWall(1, 3, 0.5, &rng);
-  const Transform view = testing::lookAt({0.0, 0.5, 0.0}, {0.0, 3.0, 0.0});
-  Map map = testing::trueMap(before, {&view, 1}, markers, 0.12, 0.1, &rng);
+  Map map = wallMap();
   const Map as_it_was = map;
   Calibration longer = testing::testCalibration();
   longer.fx *= 1.03;

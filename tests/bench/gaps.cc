@@ -10,8 +10,8 @@
 // first keyframe's own error is not in it. A position is beyond 3 sigma where its error is more
 // than three times what the covariance says in the direction of that error, of any pose, carried or
 // from markers, until the next frame. The scale is of the way since the last pose from markers,
-// along it; told: what has come to the position's variance along it since. The first way ends at
-// half the time where the camera comes back to where it began.
+// along it; told at most: what the covariance says of the end's place along it. The first way ends
+// at half the time where the camera comes back to where it began.
 #include <algorithm>
 #include <cstdint>
 #include <cstdio>
