@@ -49,6 +49,11 @@ class Slam::Impl {
     return result;
   }
 
+  void beginAnew() {
+    pieces_.emplace(options_, detector_.dictionary().name(), &camera_, &lens_, &counters_, Map(),
+                    std::vector<Map>());
+  }
+
   [[nodiscard]] PieceSet& pieces() { return *pieces_; }
   [[nodiscard]] const PieceSet& pieces() const { return *pieces_; }
   [[nodiscard]] const Counters& counters() const { return counters_; }
@@ -120,6 +125,8 @@ const CameraModel& Slam::camera() const { return impl_->camera(); }
 const LensKnowledge& Slam::lens() const { return impl_->lens(); }
 void Slam::densify(std::span<const RecordedFrame> frames) { impl_->pieces().densify(frames); }
 bool Slam::joinPieces() { return impl_->pieces().joinAll(); }
+
+void Slam::beginAnew() { impl_->beginAnew(); }
 
 void Slam::finish() {
   impl_->pieces().forEach([](Piece& piece) { piece.batch().recoverCovariance(); });

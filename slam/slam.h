@@ -46,6 +46,9 @@ class Slam {
   [[nodiscard]] const CameraModel& camera() const;
   [[nodiscard]] const LensKnowledge& lens() const;
 
+  // The map is forgotten, and begun with the next frame; what is known of the lens stays.
+  // Precondition: it was not given.
+  void beginAnew();
   // What is under way (Options::work_per_frame) is done to its end, and in the map.
   void finish();
   // Makes keyframes of frames that were none while they came, and gives those that were the markers

@@ -104,7 +104,7 @@ Result<Tried> tryRun(const DoctorArguments& arguments, const std::string& dictio
   while (record.frames() < frames && !stop.pending()) {
     const Result<std::optional<RunInput::Step>> step = opened->input->step(slam, timer, nullptr);
     if (!step || !step.value()) break;
-    record.add((*step)->time_ns, (*step)->result, slam.counters());
+    record.add((*step)->time_ns, (*step)->result, slam.counters(), slam.lens().state);
   }
   const std::string who =
       arguments.calibration.empty() ? "the recording's own calibration" : arguments.calibration;

@@ -62,7 +62,7 @@ Result<std::string> processAll(RunInput& input, const daemon::StopSignal& stop, 
       return step.error().message;
     }
     if (!step.value()) return std::string();
-    record->add((*step)->time_ns, (*step)->result, slam.counters());
+    record->add((*step)->time_ns, (*step)->result, slam.counters(), slam.lens().state);
     bar.update(static_cast<std::int64_t>(record->frames()), [&] {
       return "localized " + io::fixed(record->localizedPercent(), 1) + " %  " +
              std::to_string(slam.map().markers().size()) + " markers";
@@ -199,6 +199,9 @@ Result<ExitCode> run(const RunArguments& arguments) {
   };
   if (setup.detections) {
     note(writeDetections(arguments.save_detections, record, setup.camera, *setup.detections));
+  }
+  if (setup.input->unorderedImages() && setup.options.mapping && !setup.old_map) {
+    record.placeInOrder(&slam);
   }
   const diagnosis::Verdict verdict =
       judgeRun(record, slam, setup.options, setup.dictionary.name(), samples);

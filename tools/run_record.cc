@@ -8,6 +8,7 @@
 
 #include "slam/camera/corner_coverage.h"
 #include "slam/final_trajectory.h"
+#include "slam/photograph_order.h"
 
 namespace waymark::tools {
 namespace {
@@ -40,11 +41,15 @@ io::FrameStatus statusOf(slam::TrackingState state) {
   return io::FrameStatus::kInitializing;
 }
 
-Json lensOf(const slam::Slam& slam) {
+// learned_at_ns: time of the frame since which it is.
+Json lensOf(const slam::Slam& slam, std::optional<std::int64_t> learned_at_ns) {
   const slam::LensKnowledge& lens = slam.lens();
   const slam::Calibration& camera = slam.camera().calibration();
   Json json;
   json["state"] = slam::stateName(lens.state);
+  json["learned_at_s"] =
+      learned_at_ns ? Json(1e-9 * static_cast<double>(*learned_at_ns)) : Json(nullptr);
+  json["model"] = camera.model == slam::DistortionModel::kEquidistant ? "equidistant" : "rational";
   json["fx"] = camera.fx;
   json["fy"] = camera.fy;
   json["cx"] = camera.cx;
@@ -64,17 +69,15 @@ Json lensOf(const slam::Slam& slam) {
 }  // namespace
 
 void RunRecord::add(std::int64_t time_ns, const slam::FrameResult& result,
-                    const slam::Counters& counters) {
+                    const slam::Counters& counters, slam::LensState lens) {
+  if (lens != slam::LensState::kLearned) {
+    lens_learned_at_ns_.reset();
+  } else if (!lens_learned_at_ns_) {
+    lens_learned_at_ns_ = time_ns;
+  }
   if (counters.loop_closures > loop_closures_) loop_closed_at_ns_.push_back(time_ns);
   loop_closures_ = counters.loop_closures;
-  if (result.pose) {
-    if (!initialized_at_) initialized_at_ = frames();
-    ++localized_;
-    if (result.pose->source == slam::PoseSource::kMarkers) {
-      ++by_markers_;
-      squares_px2_ += std::pow(result.pose->reprojection_rms_px, 2);
-    }
-  }
+  if (result.pose) count(*result.pose, frames());
   // Half of them at once: each frame is moved once at most.
   if (frames_.size() / 2 >= max_frames_) {
     const auto earliest = static_cast<std::ptrdiff_t>(max_frames_);
@@ -87,6 +90,26 @@ void RunRecord::add(std::int64_t time_ns, const slam::FrameResult& result,
                      {result.detections.begin(), result.detections.end()},
                      {result.found.begin(), result.found.end()}});
   states_.push_back({result.state, result.reason});
+}
+
+void RunRecord::count(const slam::PoseEstimate& pose, std::size_t frame) {
+  if (!initialized_at_) initialized_at_ = frame;
+  ++localized_;
+  if (pose.source != slam::PoseSource::kMarkers) return;
+  ++by_markers_;
+  squares_px2_ += std::pow(pose.reprojection_rms_px, 2);
+}
+
+void RunRecord::placeInOrder(slam::Slam* slam) {
+  const std::vector<slam::Placement> placed = slam::placeInOrder(frames_, slam);
+  localized_ = by_markers_ = 0;
+  squares_px2_ = 0.0;
+  initialized_at_.reset();
+  for (std::size_t i = 0; i < placed.size(); ++i) {
+    frames_[i].pose = placed[i].pose;
+    states_[i] = {placed[i].state, placed[i].reason};
+    if (placed[i].pose) count(*placed[i].pose, i);
+  }
 }
 
 std::size_t keyframesOf(const slam::Slam& slam) {
@@ -182,7 +205,7 @@ std::string RunRecord::statistics(const slam::Slam& slam, const StageTimer& time
   json["verdict"] = {{"grade", diagnosis::gradeName(verdict.grade)},
                      {"text", verdict.text},
                      {"advice", verdict.advice}};
-  json["lens"] = lensOf(slam);
+  json["lens"] = lensOf(slam, lens_learned_at_ns_);
   Json others = Json::object();  // than those above
   for (const slam::NamedCounter& counter : slam::kCounters) {
     if (!json.contains(counter.name)) others[counter.name] = counters.*counter.value;

@@ -29,8 +29,12 @@ class RunRecord {
   explicit RunRecord(std::size_t max_frames = std::numeric_limits<std::size_t>::max())
       : max_frames_(max_frames) {}
 
-  // `counters` as they are after the frame.
-  void add(std::int64_t time_ns, const slam::FrameResult& result, const slam::Counters& counters);
+  // `counters` and the lens as they are after the frame.
+  void add(std::int64_t time_ns, const slam::FrameResult& result, const slam::Counters& counters,
+           slam::LensState lens);
+
+  // Images in no order: their map is begun anew, in an order of their own.
+  void placeInOrder(slam::Slam* slam);
 
   // For the map's end (slam::makeFinalMap()), which may change their corners.
   [[nodiscard]] std::span<slam::LiveFrame> liveFrames() { return frames_; }
@@ -57,6 +61,8 @@ class RunRecord {
   [[nodiscard]] std::vector<io::RecordedFrame> recordedFrames() const;
   // When each of all closed loops closed: the time of the frame; `counters` as they are at the end.
   [[nodiscard]] std::vector<std::int64_t> loopClosedAt_ns(const slam::Counters& counters) const;
+  // Time of the frame since which the lens is learned; empty while it is not.
+  [[nodiscard]] std::optional<std::int64_t> lensLearnedAt_ns() const { return lens_learned_at_ns_; }
   // stats.json of the interface. `incomplete`: why there is more than these results tell; usually
   // empty.
   [[nodiscard]] std::string statistics(const slam::Slam& slam, const StageTimer& timer,
@@ -64,6 +70,8 @@ class RunRecord {
                                        const diagnosis::Verdict& verdict) const;
 
  private:
+  void count(const slam::PoseEstimate& pose, std::size_t frame);
+
   std::size_t max_frames_;
   // Why a frame had no pose, or that it had one.
   struct LiveState {
@@ -74,9 +82,10 @@ class RunRecord {
   std::vector<LiveState> states_;  // of each of them
   std::size_t forgotten_ = 0;
   std::size_t localized_ = 0;
-  std::size_t by_markers_ = 0;  // of those
-  double squares_px2_ = 0.0;    // of each of their RMS
+  std::size_t by_markers_ = 0;                 // of those
+  double squares_px2_ = 0.0;                   // of each of their RMS
   std::optional<std::size_t> initialized_at_;  // index of the first frame with a pose
+  std::optional<std::int64_t> lens_learned_at_ns_;
   std::uint64_t loop_closures_ = 0;
   std::vector<std::int64_t> loop_closed_at_ns_;  // times of the frames in which loops closed
 };

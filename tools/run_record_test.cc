@@ -23,7 +23,7 @@ RunRecord walk(const std::set<int>& lost) {
       result.pose->source = slam::PoseSource::kMarkers;
       result.pose->T_w_c.p.x() = i;
     }
-    record.add(i * kPeriod_ns, result, {});
+    record.add(i * kPeriod_ns, result, {}, slam::LensState::kGiven);
   }
   return record;
 }
@@ -47,7 +47,7 @@ TEST(RunRecord, EveryFrameIsAmongThePoses) {
   slam::FrameResult lost;
   lost.state = slam::TrackingState::kRelocalizing;
   lost.reason = slam::NoPoseReason::kNoMarker;
-  record.add(10 * kPeriod_ns, lost, {});
+  record.add(10 * kPeriod_ns, lost, {}, slam::LensState::kGiven);
   const auto poses = record.livePoses();
   ASSERT_EQ(poses.size(), 11U);
   EXPECT_EQ(poses[8].frame, 8U);
@@ -58,7 +58,7 @@ TEST(RunRecord, EveryFrameIsAmongThePoses) {
   EXPECT_EQ(poses[10].reason, "no marker in view");
   lost.state = slam::TrackingState::kLost;
   lost.reason = slam::NoPoseReason::kCarriedTooUncertain;
-  record.add(11 * kPeriod_ns, lost, {});
+  record.add(11 * kPeriod_ns, lost, {}, slam::LensState::kGiven);
   EXPECT_EQ(record.livePoses().at(11).status, io::FrameStatus::kLost);
   EXPECT_EQ(record.livePoses().at(11).reason, "the carried pose is less certain than its limit");
 }
@@ -84,7 +84,7 @@ TEST(RunRecord, TheReprojectionErrorIsThatOfMarkers) {
     result.pose.emplace();
     result.pose->source = source;
     result.pose->reprojection_rms_px = rms_px;
-    record.add(time_ns += kPeriod_ns, result, {});
+    record.add(time_ns += kPeriod_ns, result, {}, slam::LensState::kGiven);
   }
   EXPECT_EQ(record.localized(), 4U);
   EXPECT_NEAR(record.reprojectionRms_px(), std::sqrt((0.01 + 0.09) / 2.0), 1e-12);
@@ -100,7 +100,7 @@ TEST(RunRecord, OfACameraTheLatestFramesAreKept) {
       result.pose->T_w_c.p.x() = i;
       result.pose->reprojection_rms_px = 2.0;
     }
-    record.add(i * kPeriod_ns, result, {});
+    record.add(i * kPeriod_ns, result, {}, slam::LensState::kGiven);
     ASSERT_LE(record.liveFrames().size(), 200U);
   }
   EXPECT_EQ(record.frames(), 1050U);
@@ -120,14 +120,31 @@ TEST(RunRecord, OfACameraTheLatestFramesAreKept) {
 TEST(RunRecord, ALoopThatClosesAfterTheLastFrame) {
   RunRecord record;
   slam::Counters counters;
-  record.add(0, {}, counters);
+  record.add(0, {}, counters, slam::LensState::kGiven);
   counters.loop_closures = 1;
-  record.add(kPeriod_ns, {}, counters);
-  record.add(2 * kPeriod_ns, {}, counters);
+  record.add(kPeriod_ns, {}, counters, slam::LensState::kGiven);
+  record.add(2 * kPeriod_ns, {}, counters, slam::LensState::kGiven);
   EXPECT_EQ(record.loopClosedAt_ns(counters), (std::vector<std::int64_t>{kPeriod_ns}));
   counters.loop_closures = 2;
   EXPECT_EQ(record.loopClosedAt_ns(counters),
             (std::vector<std::int64_t>{kPeriod_ns, 2 * kPeriod_ns}));
+}
+
+// And anew, after it has changed under way.
+TEST(RunRecord, SinceWhenTheLensIsLearned) {
+  using enum slam::LensState;
+  RunRecord record;
+  std::int64_t time_ns = 0;
+  const auto with = [&](slam::LensState lens) {
+    record.add(time_ns += kPeriod_ns, {}, {}, lens);
+    return record.lensLearnedAt_ns();
+  };
+  EXPECT_EQ(with(kGiven), std::nullopt);
+  EXPECT_EQ(with(kLearning), std::nullopt);
+  EXPECT_EQ(with(kLearned), 3 * kPeriod_ns);
+  EXPECT_EQ(with(kLearned), 3 * kPeriod_ns);
+  EXPECT_EQ(with(kLearning), std::nullopt);
+  EXPECT_EQ(with(kLearned), 6 * kPeriod_ns);
 }
 
 }  // namespace

@@ -42,25 +42,45 @@ LensProblem LensEstimator::problemOf(const RollingShutterEstimator& shutter) con
 
 void LensEstimator::work(double cost, const RollingShutterEstimator& shutter, const Map& map,
                          const BundleOptions& optimization) {
-  if (!estimate_ && !whole_ && isDue(map)) {
+  const bool idle = !dating_ && !estimate_ && !whole_;
+  if (idle && isUndated()) {
+    dating_.emplace([&](Budget* budget) {
+      return dateChange(map, changeOf(shutter), markers_, optimization, budget);
+    });
+  } else if (idle && isDue(map)) {
     next_keyframes_ =
         static_cast<int>(options_.growth * static_cast<double>(map.keyframes().size())) + 1;
     estimate_.emplace([&](Budget* budget) {
       return estimateLens(map, markers_, problemOf(shutter), optimization, budget);
     });
   }
-  if (estimate_)
-    (void)estimate_->advance(isUrgent(map) ? std::max(cost, options_.urgent_cost) : cost);
-  if (whole_) (void)whole_->advance(cost);
+  const double urgent = std::max(cost, options_.urgent_cost);
+  if (dating_) (void)dating_->advance(urgent);
+  if (estimate_) (void)estimate_->advance(isUrgent(map) || dated_anew_ ? urgent : cost);
+  if (whole_) (void)whole_->advance(dated_anew_ ? urgent : cost);
 }
 
 std::optional<Transform> LensEstimator::collect(const RollingShutterEstimator& shutter,
                                                 const BundleOptions& optimization, Map* map) {
+  if (dating_ && dating_->done()) {
+    const std::optional<std::int64_t> date = dating_->take();
+    dating_.reset();
+    if (!isUndated()) return std::nullopt;  // there is another map, or another piece was faster
+    knowledge_->earlier.back().dated = true;
+    if (!date || *date == knowledge_->since_ns) return std::nullopt;
+    noteDate(*date, shutter.seconds(), map);
+    return Transform{};
+  }
   if (estimate_ && estimate_->done()) {
     const std::optional<LensEstimate> found = estimate_->take();
     estimate_.reset();
     contradicted_ = found && lensChange(*found, *camera_) > options_.min_chi2;
-    if (!found || !believes(*found, *map)) return std::nullopt;
+    if (!found || !believes(*found, *map)) {
+      const bool is_old = found && found->correction.epoch != map->epoch();
+      if (dated_anew_ && is_old) next_keyframes_ = static_cast<int>(map->keyframes().size());
+      dated_anew_ = dated_anew_ && is_old;
+      return std::nullopt;
+    }
     contradicted_ = false;
     if (found->of_whole_map) return adopt(*found, shutter.seconds(), map);
     beginWhole(*found, shutter.seconds(), optimization, *map);
@@ -75,6 +95,7 @@ std::optional<Transform> LensEstimator::collect(const RollingShutterEstimator& s
     next_keyframes_ = static_cast<int>(map->keyframes().size());  // of a world that is no more
     return std::nullopt;
   }
+  dated_anew_ = false;
   auto T_new_old = adopt(coming.estimate, coming.readout_s, map);
   if (const auto by_whole = applyWhole(correction, map)) {
     T_new_old = *by_whole * T_new_old.value_or(Transform{});
@@ -95,81 +116,42 @@ void LensEstimator::beginWhole(const LensEstimate& estimate, double readout_s,
 bool LensEstimator::estimateNow(const RollingShutterEstimator& shutter,
                                 const BundleOptions& optimization, Map* map) {
   if (!options_.learn || map->keyframes().empty()) return false;
-  // Of several lenses it is the newest frames'.
-  const bool was_dated =
-      knowledge_->changedUnderWay() && dateChange(problemOf(shutter), optimization, map);
+  // Of several lenses it is the newest frames'. Both are known better by now.
+  if (knowledge_->changedUnderWay()) {
+    const auto date = runToCompletion([&](Budget* budget) {
+      return dateChange(*map, changeOf(shutter), markers_, optimization, budget);
+    });
+    if (date && *date != knowledge_->since_ns) noteDate(*date, shutter.seconds(), map);
+  }
   LensProblem problem = problemOf(shutter);
   if (goBackToGiven(problem, optimization, map)) return true;
   problem.max_keyframes = std::numeric_limits<int>::max();
   const auto found = runToCompletion(
       [&](Budget* budget) { return estimateLens(*map, markers_, problem, optimization, budget); });
-  if (!found || !believes(*found, *map)) return was_dated;
-  (void)adopt(*found, shutter.seconds(), map);
+  const bool believed = found && believes(*found, *map);
+  if (believed) (void)adopt(*found, shutter.seconds(), map);
+  if (!std::exchange(dated_anew_, false)) return believed;
+  // What has bent must not be left out for that.
+  (void)optimizeGlobally(map, markers_, ungated(optimization));
   return true;
 }
 
-// The map as it is best if so many of the keyframes before were seen through the newest lens, too.
-struct LensEstimator::Dated {
-  std::int64_t since_ns = 0;
-  LensEstimate estimate;
-  double cost = std::numeric_limits<double>::infinity();
-  Map map;
-};
-
-std::optional<LensEstimator::Dated> LensEstimator::dated(std::int64_t since_ns, LensProblem problem,
-                                                         const BundleOptions& optimization,
-                                                         const Map& map) const {
-  problem.since_ns = since_ns;
-  problem.max_keyframes = std::numeric_limits<int>::max();
-  Map copy = map;
-  undistortAgain(*camera_, problem.readout_s, &copy, since_ns);
-  auto estimate = runToCompletion(
-      [&](Budget* budget) { return estimateLens(copy, markers_, problem, optimization, budget); });
-  if (!estimate || estimate->correction.keyframes.empty()) return std::nullopt;
-  (void)seeThrough(*estimate, problem.readout_s, since_ns, &copy);
-  BundleOptions options = ungated(optimization);
-  options.estimate_residual_sigma = false;
-  const BundleSummary summary = optimizeGlobally(&copy, markers_, options);
-  if (summary.failed) return std::nullopt;
-  return Dated{since_ns, std::move(*estimate), summary.final_cost, std::move(copy)};
-}
-
-// A map that grows follows a change at first, by bending; noticed it is when it can no longer. So
-// the change is looked for backwards, in steps of twice as many keyframes each, and then around the
-// best of these: where all of the map fits best.
-bool LensEstimator::dateChange(const LensProblem& problem, const BundleOptions& optimization,
-                               Map* map) {
-  // No further back than the change before.
+LensChange LensEstimator::changeOf(const RollingShutterEstimator& shutter) const {
   const auto& earlier = knowledge_->earlier;
-  const std::int64_t first_ns = earlier.size() > 1 ? earlier[earlier.size() - 2].until_ns
-                                                   : std::numeric_limits<std::int64_t>::min();
-  std::vector<std::int64_t> times = {knowledge_->since_ns};  // then of keyframes, newest first
-  for (const auto& [id, keyframe] : map->keyframes()) {
-    const std::int64_t time_ns = keyframe.monotonic_ns;
-    if (time_ns >= first_ns && time_ns < knowledge_->since_ns) times.push_back(time_ns);
-  }
-  std::ranges::sort(times, std::greater());
-  std::optional<Dated> best;
-  std::size_t best_count = 0;
-  const auto attempt = [&](std::size_t count) {
-    auto found = dated(times[count], problem, optimization, *map);
-    if (!found || (best && !(found->cost < best->cost))) return;
-    best = std::move(found);
-    best_count = count;
-  };
-  attempt(0);
-  std::size_t step = 1;
-  for (; step < times.size(); step *= 2) attempt(step);
-  for (step = best_count / 2; step > 0; step /= 2) {
-    const std::size_t around = best_count;
-    if (around + step < times.size()) attempt(around + step);
-    attempt(around - step);
-  }
-  if (best_count == 0) return false;
-  *map = std::move(best->map);
-  knowledge_->since_ns = knowledge_->earlier.back().until_ns = best->since_ns;
-  putInUse(best->estimate);
-  return true;
+  LensChange change{.before = earlier.back().camera,
+                    .after = *camera_,
+                    .noticed_ns = knowledge_->since_ns,
+                    .readout_s = shutter.seconds()};
+  if (earlier.size() > 1) change.first_ns = earlier[earlier.size() - 2].until_ns;
+  return change;
+}
+
+void LensEstimator::noteDate(std::int64_t since_ns, double readout_s, Map* map) {
+  const std::int64_t first_ns = std::min(since_ns, knowledge_->since_ns);
+  knowledge_->since_ns = knowledge_->earlier.back().until_ns = since_ns;
+  undistortAgain(*camera_, *knowledge_, first_ns, readout_s, map);
+  next_keyframes_ = static_cast<int>(map->keyframes().size());
+  dated_anew_ = true;
 }
 
 // What a part of the map, or a map that was still bent, has said against a calibration holds only
@@ -203,6 +185,9 @@ bool LensEstimator::believes(const LensEstimate& estimate, const Map& map) const
   if (estimate.correction.epoch != map.epoch() || estimate.correction.keyframes.empty()) {
     return false;
   }
+  const bool is_sound =
+      coversImage(estimate.camera) >= coversImage(*camera_) && seesAllOf(estimate.camera, map);
+  if (dated_anew_) return is_sound;
   const bool was_learned = knowledge_->state != LensState::kGiven;
   if (!was_learned && map.keyframes().size() < options_.views_against_given) return false;
   const double least = was_learned ? options_.min_change_chi2 : options_.min_chi2;
@@ -214,7 +199,7 @@ bool LensEstimator::believes(const LensEstimate& estimate, const Map& map) const
   const bool refines = knowledge_->refines(estimate.camera, options_.prior);
   const bool material = estimate.rms_after_px < options_.material_rms * estimate.rms_before_px;
   if (!was_learned && !refines && !material) return false;
-  return coversImage(estimate.camera) >= coversImage(*camera_) && seesAllOf(estimate.camera, map);
+  return is_sound;
 }
 
 std::optional<Transform> LensEstimator::seeThrough(const LensEstimate& estimate, double readout_s,

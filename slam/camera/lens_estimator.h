@@ -6,6 +6,7 @@
 #include <optional>
 
 #include "base/task.h"
+#include "slam/camera/lens_change.h"
 #include "slam/camera/lens_estimate.h"
 #include "slam/camera/lens_knowledge.h"
 #include "slam/camera/lens_options.h"
@@ -28,9 +29,10 @@ class LensEstimator {
         knowledge_(knowledge),
         next_keyframes_(options.first_keyframes) {}
 
-  // A slice of what is under way: an estimate, begun when the map has grown enough since the last
-  // one; or, where that was believed and was of a part of the map, an optimization of all of it, in
-  // a copy: until that is done, lens and map stay as they are, which belong together.
+  // A slice of what is under way: when the lens changed, if it did; an estimate, begun when the map
+  // has grown enough since the last one; or, where that was believed and was of a part of the map,
+  // an optimization of all of it, in a copy: until that is done, lens and map stay as they are,
+  // which belong together.
   void work(double cost, const RollingShutterEstimator& shutter, const Map& map,
             const BundleOptions& optimization);
   // Puts what is done into the map. A lens that is believed is in use from here on, and all
@@ -39,7 +41,8 @@ class LensEstimator {
   std::optional<Transform> collect(const RollingShutterEstimator& shutter,
                                    const BundleOptions& optimization, Map* map);
   [[nodiscard]] bool isDone() const {
-    return (estimate_ && estimate_->done()) || (whole_ && whole_->done());
+    return (dating_ && dating_->done()) || (estimate_ && estimate_->done()) ||
+           (whole_ && whole_->done());
   }
   // The lens has not been one and the same for all of the map.
   [[nodiscard]] bool changedUnderWay() const { return knowledge_->changedUnderWay(); }
@@ -49,7 +52,9 @@ class LensEstimator {
     return (contradicted_ && isUrgent(map)) || knowledge_->state == LensState::kLearning || coming_;
   }
   // Nothing is under way or due.
-  [[nodiscard]] bool idle(const Map& map) const { return !estimate_ && !whole_ && !isDue(map); }
+  [[nodiscard]] bool idle(const Map& map) const {
+    return !dating_ && !estimate_ && !whole_ && !isUndated() && !isDue(map);
+  }
   // At once, from all of the map, whatever it costs. Whether another lens is in use now.
   bool estimateNow(const RollingShutterEstimator& shutter, const BundleOptions& optimization,
                    Map* map);
@@ -61,12 +66,15 @@ class LensEstimator {
   }
   [[nodiscard]] LensProblem problemOf(const RollingShutterEstimator& shutter) const;
   [[nodiscard]] bool believes(const LensEstimate& estimate, const Map& map) const;
-  struct Dated;
-  [[nodiscard]] std::optional<Dated> dated(std::int64_t since_ns, LensProblem problem,
-                                           const BundleOptions& optimization, const Map& map) const;
-  // Since when the newest lens was in use: from before anybody noticed the change on, the map's
-  // keyframes are undistorted as its own. Whether there were any.
-  bool dateChange(const LensProblem& problem, const BundleOptions& optimization, Map* map);
+  [[nodiscard]] LensChange changeOf(const RollingShutterEstimator& shutter) const;
+  // The lens has changed, and from what was seen just before it is not yet known through which lens
+  // that was.
+  [[nodiscard]] bool isUndated() const {
+    return options_.learn && knowledge_->changedUnderWay() && !knowledge_->earlier.back().dated;
+  }
+  // The newest lens was in use since then: the map's keyframes are undistorted as seen through the
+  // lens of their time.
+  void noteDate(std::int64_t since_ns, double readout_s, Map* map);
   [[nodiscard]] bool goBackToGiven(const LensProblem& problem, const BundleOptions& optimization,
                                    Map* map);
   // Poses and corners of the map are as the estimate says.
@@ -83,6 +91,8 @@ class LensEstimator {
   LensKnowledge* knowledge_;
   bool contradicted_ = false;  // by the last estimate
   int next_keyframes_;         // it is estimated again when the map has so many
+  std::optional<SlicedTask<std::optional<std::int64_t>>> dating_;
+  bool dated_anew_ = false;  // and not yet estimated since
   std::optional<SlicedTask<std::optional<LensEstimate>>> estimate_;
   // A lens that is believed, of a part of the map; and all of the map as seen through it.
   struct Coming {

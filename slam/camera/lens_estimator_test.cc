@@ -9,54 +9,16 @@
 
 #include <gtest/gtest.h>
 
+#include "slam/camera/testing_lens_estimator.h"
 #include "slam/testing/lens_scene.h"
 
 namespace waymark::slam {
 namespace {
 
-const BundleOptions kBundle{.max_iterations = 30, .min_relative_decrease = 1e-8};
-constexpr double kSigma_px = 0.05;
-
-CameraModel shifted(const CameraModel& truth, double focal_share, double k1, double centre_px) {
-  IntrinsicVector v = truth.intrinsics();
-  v.head<2>() *= 1.0 + focal_share;
-  v[2] += centre_px;
-  v[4] += k1;
-  return CameraModel(truth.withIntrinsics(v));
-}
-
-class LensEstimatorTest : public ::testing::Test {
- protected:
-  // The map as that lens has it.
-  void see(const CameraModel& lens) {
-    camera_ = lens;
-    knowledge_ = {.given = lens};
-    map_ = testing::lensScene(truth_, kSigma_px, &rng_);
-    undistortAgain(camera_, 0.0, &map_);
-  }
-  [[nodiscard]] LensEstimator estimator(const LensOptions& options = {}) {
-    return {options, markers_, &camera_, &knowledge_};
-  }
-  int workUntilDone(double slice, LensEstimator* estimator) {
-    int slices = 0;
-    while (!estimator->isDone() && slices < 1'000'000) {
-      estimator->work(slice, shutter_, map_, kBundle);
-      ++slices;
-    }
-    return slices;
-  }
-  [[nodiscard]] double focalError() const {
-    return camera_.calibration().fx / truth_.calibration().fx - 1.0;
-  }
-
-  std::mt19937 rng_{5};
-  CameraModel truth_{testing::testCalibration()};
-  CameraModel camera_ = truth_;
-  LensKnowledge knowledge_{.given = truth_};
-  MarkerOptions markers_{.size_m = testing::kLensSceneSize};
-  RollingShutterEstimator shutter_{{.readout_s = 0.0}, markers_};
-  Map map_;
-};
+using testing::kBundle;
+using testing::kSigma_px;
+using testing::LensEstimatorTest;
+using testing::shifted;
 
 TEST_F(LensEstimatorTest, LearnsAWrongLensOverSlices) {
   see(shifted(truth_, -0.02, -0.05, 8.0));
@@ -261,36 +223,6 @@ TEST_F(LensEstimatorTest, TheMapMeasuresAMeasuredLensBetter) {
   see(asUnmeasured(given));
   EXPECT_FALSE(estimator.estimateNow(shutter_, kBundle, &map_));
   EXPECT_FALSE(knowledge_.refines_given);
-}
-
-// The focus changed at the sixth keyframe, which was noticed at the eleventh.
-TEST_F(LensEstimatorTest, AChangeIsDated) {
-  const CameraModel longer = shifted(truth_, 0.03, 0.0, 0.0);
-  const auto first_rng = rng_;
-  const Map before = testing::lensScene(truth_, kSigma_px, &rng_);
-  rng_ = first_rng;
-  const Map after = testing::lensScene(longer, kSigma_px, &rng_);
-  for (const auto& [id, marker] : before.markers()) {
-    map_.addMarker(id, marker.size_m);
-    map_.place(id, *marker.T_w_m);
-  }
-  constexpr std::int64_t kSecond_ns = 1'000'000'000;
-  for (KeyframeId k = 0; k < 14; ++k) {
-    Keyframe keyframe = (k < 5 ? before : after).keyframes().at(k);
-    keyframe.monotonic_ns = k * kSecond_ns;
-    (void)map_.addKeyframe(std::move(keyframe));
-  }
-  camera_ = shifted(truth_, 0.027, 0.0, 0.0);  // about as it was found
-  knowledge_.adopt(camera_, 0.01 * IntrinsicMatrix::Identity(), 1.0, 0.1, LensPrior{}, 0.002);
-  knowledge_.since_ns = 10 * kSecond_ns;
-  knowledge_.earlier = {{truth_, knowledge_.since_ns}};
-  undistortAgain(truth_, 0.0, &map_);
-  undistortAgain(camera_, 0.0, &map_, knowledge_.since_ns);
-  LensEstimator estimator = this->estimator();
-  EXPECT_TRUE(estimator.estimateNow(shutter_, kBundle, &map_));
-  EXPECT_EQ(knowledge_.since_ns, 5 * kSecond_ns);
-  EXPECT_EQ(knowledge_.earlier.back().until_ns, 5 * kSecond_ns);
-  EXPECT_NEAR(camera_.calibration().fx / longer.calibration().fx, 1.0, 1e-3);
 }
 
 // A part of the map spoke for another lens; all of it does not.

@@ -64,6 +64,7 @@ enum class LensState : std::uint8_t {
 struct EarlierLens {
   CameraModel camera;
   std::int64_t until_ns = 0;  // of the frames, monotonic
+  bool dated = false;         // as the map has it; else by when the change was noticed
 };
 
 // The lens in use itself is the CameraModel that all share.

@@ -101,6 +101,15 @@ void seeThroughOne(const CameraModel& in_use, const LensKnowledge& lens, Map* ma
   }
 }
 
+void undistortAgain(const CameraModel& in_use, const LensKnowledge& lens, std::int64_t since_ns,
+                    double readout_s, Map* map) {
+  map->beginEpoch();
+  for (const auto& [id, keyframe] : map->keyframes()) {
+    if (keyframe.monotonic_ns < since_ns) continue;
+    undistortAgain(lens.at(keyframe.monotonic_ns, in_use), readout_s, id, map);
+  }
+}
+
 void undistortAgain(const CameraModel& camera, double readout_s, Map* map, std::int64_t since_ns) {
   map->beginEpoch();
   for (const auto& [id, keyframe] : map->keyframes()) {

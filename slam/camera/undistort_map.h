@@ -17,6 +17,9 @@ namespace waymark::slam {
 // since_ns: keyframes before that time were seen through another lens, and stay as they are.
 void undistortAgain(const CameraModel& camera, double readout_s, Map* map,
                     std::int64_t since_ns = std::numeric_limits<std::int64_t>::min());
+// The same, each keyframe through the lens of its time.
+void undistortAgain(const CameraModel& in_use, const LensKnowledge& lens, std::int64_t since_ns,
+                    double readout_s, Map* map);
 // The same of one keyframe.
 void undistortAgain(const CameraModel& camera, double readout_s, KeyframeId keyframe, Map* map);
 // The same of a frame's detections, as a global shutter saw them.
