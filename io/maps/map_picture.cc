@@ -308,7 +308,7 @@ std::string markerShape(const Projection& project, const MarkerCorners& marker,
 // The beginning of a long name.
 std::string shortName(const std::string& name) {
   constexpr std::size_t kMost = 24;
-  const std::string whole = oneLine(name);
+  std::string whole = oneLine(name);
   if (whole.size() <= kMost) return whole;
   std::size_t end = kMost - 3;
   while (end > 0 && (static_cast<unsigned char>(whole[end]) & 0xC0U) == 0x80U) --end;
