@@ -3,6 +3,8 @@
 #include <cmath>
 #include <filesystem>
 #include <fstream>
+#include <set>
+#include <sstream>
 #include <string>
 #include <vector>
 
@@ -11,6 +13,7 @@
 
 #include "io/calibrations/calibration_file.h"
 #include "io/maps/map_file.h"
+#include "io/trajectory.h"
 #include "tests/process.h"
 #include "tests/synthetic_recording.h"
 #include "tests/temporary_directory.h"
@@ -66,6 +69,37 @@ class MapLife : public ::testing::Test {
     return ids;
   }
 
+  // Both halves of the wall, one after the other, with nothing between that connects the two.
+  void recordApart(const std::string& name) const {
+    fs::create_directories(path(name));
+    std::ofstream detections(path(name) + "/detections.csv");
+    std::ofstream frames(path(name) + "/frames.csv");
+    for (const bool right : {false, true}) {
+      MarkerWall half = wall_;
+      std::erase_if(half.markers, [&](const auto& marker) {
+        return (marker.id % MarkerWall::kColumns >= MarkerWall::kColumns / 2) != right;
+      });
+      const double side = right ? 1.0 : -1.0;
+      testing::recordWall(half, calibration_, 2.6 * side, 1.6 * side, path("half"));
+      detections << later(readFile(path("half") + "/detections.csv"), right ? kPause_s : 0);
+      frames << later(readFile(path("half") + "/frames.csv"), right ? kPause_s : 0);
+    }
+  }
+  static constexpr int kPause_s = 5;
+
+  // Lines that begin with seconds.
+  static std::string later(const std::string& lines, int seconds) {
+    std::istringstream in(lines);
+    std::ostringstream out;
+    out.precision(12);
+    std::string line;
+    while (std::getline(in, line)) {
+      const std::size_t end = std::min(line.find(','), line.size());
+      out << std::stod(line) + seconds << line.substr(end) << "\n";
+    }
+    return out.str();
+  }
+
   // How far apart the distances between markers are from the true ones, at worst, metres.
   [[nodiscard]] double worstDistance(const slam::Map& map) const {
     double worst = 0.0;
@@ -79,6 +113,22 @@ class MapLife : public ::testing::Test {
       }
     }
     return worst;
+  }
+
+  // What stands in that column of a poses.csv.
+  static std::set<std::string> piecesIn(const std::string& file) {
+    std::istringstream lines(readFile(file));
+    std::string line;
+    std::getline(lines, line);
+    const auto column = std::count(line.begin(), line.begin() + line.find(",piece"), ',') + 1;
+    std::set<std::string> pieces;
+    while (std::getline(lines, line)) {
+      std::istringstream fields(line);
+      std::string field;
+      for (auto i = 0; i <= column; ++i) std::getline(fields, field, ',');
+      if (!field.empty()) pieces.insert(field);
+    }
+    return pieces;
   }
 
   static int localized(const std::string& directory) {
@@ -231,6 +281,57 @@ TEST_F(MapLife, Info) {
   EXPECT_NE(result.out.find("checksum    right\n"), std::string::npos);
   expectBadInput(waymark({"map", "info", path("calib.yml")}), "calib.yml:1:1: is not JSON");
   expectBadInput(waymark({"map"}), "subcommand");
+}
+
+// What nothing connects are pieces, each with a world of its own, in every file of the results.
+TEST_F(MapLife, APlaceThatNothingConnectsIsAPieceOfItsOwn) {
+  recordApart("apart");
+  const ProgramResult result = run("apart", "a");
+  ASSERT_EQ(result.exit_code, 0) << result.err;
+  const io::MapFile map = readMap("a/map.json");
+  ASSERT_EQ(map.other_pieces.size(), 1U);
+  const int other = map.other_pieces.front().piece;
+  EXPECT_NE(map.map.piece, other);
+  for (const slam::Map* const piece : {&map.map, &map.other_pieces.front()}) {
+    EXPECT_EQ(io::posedMarkerCorners(*piece).size(), 24U);
+    EXPECT_LT(worstDistance(*piece), 0.02);
+  }
+  // A file of poses for each, and one of all with the number.
+  for (const std::string name : {"trajectory", "trajectory_final"}) {
+    const auto main = io::readTrajectory(path("a/" + name + ".tum"));
+    const auto more = io::readTrajectory(path("a/" + name + "_" + std::to_string(other) + ".tum"));
+    ASSERT_TRUE(main && more) << name;
+    EXPECT_GT(main->size(), 50U);
+    EXPECT_GT(more->size(), 50U);
+    const bool main_came_first = map.map.piece < other;
+    const io::Trajectory& first = main_came_first ? *main : *more;
+    const io::Trajectory& second = main_came_first ? *more : *main;
+    EXPECT_LT(first.back().time_ns, second.front().time_ns);
+  }
+  for (const std::string name : {"a/poses.csv", "a/poses_final.csv"}) {
+    EXPECT_EQ(piecesIn(path(name)),
+              (std::set<std::string>{std::to_string(map.map.piece), std::to_string(other)}));
+  }
+  // Which the picture, `map info` and `eval` tell apart.
+  const std::string svg = readFile(path("a/map.svg"));
+  const std::string info = waymark({"map", "info", path("a/map.json")}).out;
+  std::vector<io::MarkerCorners> truth;
+  for (const auto& marker : wall_.markers) {
+    io::MarkerCorners corners{marker.id, MarkerWall::kSize_m,
+                              slam::markerCorners(MarkerWall::kSize_m)};
+    for (Eigen::Vector3d& corner : corners.corners) corner = marker.T_w_m * corner;
+    truth.push_back(corners);
+  }
+  ASSERT_TRUE(io::writeMarkerLayout(path("truth.json"), truth, "").ok());
+  const std::string evaluated =
+      waymark({"eval", "--map", path("a/map.json"), "--truth-map", path("truth.json")}).out;
+  EXPECT_NE(evaluated.find("48 markers in both maps, of 2 pieces"), std::string::npos) << evaluated;
+  for (const int piece : {map.map.piece, other}) {
+    const std::string name = "piece " + std::to_string(piece);
+    EXPECT_NE(svg.find(">" + name + "<"), std::string::npos);
+    EXPECT_NE(info.find(name + ", a world of its own\n"), std::string::npos) << info;
+    EXPECT_NE(evaluated.find(name + ": 24 markers, ACE mean "), std::string::npos) << evaluated;
+  }
 }
 
 // Out in each format, in again, and a camera finds itself in it.

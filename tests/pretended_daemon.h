@@ -16,11 +16,13 @@
 #include <waymark/detections_t.hpp>
 #include <waymark/health_t.hpp>
 #include <waymark/map_t.hpp>
+#include <waymark/natural_detections_t.hpp>
+#include <waymark/natural_map_t.hpp>
 #include <waymark/pose_t.hpp>
 
 namespace waymark::testing {
 
-// With 48 markers, until it is taken away.
+// With 48 markers and two natural ones, until it is taken away.
 class PretendedDaemon {
  public:
   PretendedDaemon(const std::string& url, std::string prefix, double rate_hz = 60.0)
@@ -52,7 +54,9 @@ class PretendedDaemon {
     for (int frame = 0; !stop_; ++frame) {
       sendPose(frame);
       sendDetections(frame);
+      if (frame % 10 == 5) sendFound(frame);
       if (frame % 30 == 0) sendMap();
+      if (frame % 30 == 0) sendNaturalMap();
       if (frame % 30 == 0) sendHealth(frame, monotonicNs() - begin_ns);
       std::this_thread::sleep_for(period_);
     }
@@ -116,9 +120,48 @@ class PretendedDaemon {
     send("MAP", map);
   }
 
+  // Two pictures between the rows of markers.
+  void sendNaturalMap() {
+    natural_map_t map{};
+    map.revision = 3;
+    map.piece_count = 1;
+    map.count = map.marker_count = 2;
+    map.markers.resize(2);
+    for (int i = 0; i < 2; ++i) {
+      natural_marker_t& marker = map.markers[static_cast<std::size_t>(i)];
+      const double wall = 0.5 * M_PI * i;
+      marker.id = kPicture + i;
+      marker.name = i == 0 ? "poster" : "fire exit plan";
+      marker.width = i == 0 ? 0.6 : 0.3;
+      marker.height = 0.42;
+      marker.p_w_m[0] = 2.5 * std::sin(wall);
+      marker.p_w_m[2] = 2.5 * std::cos(wall);
+      marker.q_w_m[1] = std::cos(0.5 * wall);
+      marker.q_w_m[3] = -std::sin(0.5 * wall);
+      marker.covariance[0] = marker.covariance[7] = marker.covariance[14] = 9e-6;
+    }
+    send("NATURAL_MAP", map);
+  }
+
+  // The first one, some frames ago.
+  void sendFound(int frame) {
+    natural_detections_t found{};
+    found.sequence = frame;
+    found.monotonic_ns = monotonicNs();
+    found.count = 1;
+    found.detections.resize(1);
+    found.detections[0].sequence = frame - 3;
+    found.detections[0].id = kPicture;
+    found.detections[0].name = "poster";
+    found.detections[0].p_m_c[2] = 1.3;
+    found.detections[0].q_m_c[1] = 1.0;
+    send("NATURAL", found);
+  }
+
   void sendDetections(int frame) {
     detections_t detections{};
     detections.sequence = frame;
+    detections.monotonic_ns = monotonicNs();
     detections.count = detections.seen = 3;
     for (int i = 0; i < 3; ++i) {
       const double x = 120.0 + 160.0 * i + 40.0 * std::sin(0.05 * frame);
@@ -143,8 +186,15 @@ class PretendedDaemon {
     health.processing_max_ns = 2'100'000;
     health.counters = {{"dropped.queue", frame / 30}, {"camera.frames", frame}};
     health.counter_count = 2;
+    health.lens.width = 640;
+    health.lens.height = 480;
+    health.lens.fx = health.lens.fy = 500.0;
+    health.lens.cx = 319.5;
+    health.lens.cy = 239.5;
     send("HEALTH", health);
   }
+
+  static constexpr int kPicture = 1 << 30;
 
   lcm_t* lcm_;
   const std::string prefix_;

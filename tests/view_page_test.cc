@@ -40,9 +40,22 @@ TEST_F(ViewPageTest, ThePageShowsTheMapAndFollowsTheDaemon) {
   auto daemon = std::make_unique<PretendedDaemon>(url_, "TEST_");
   browser->open(address());
   EXPECT_TRUE(browser->becomes("WaymarkScene.counts().markers === 48"));
+  EXPECT_TRUE(browser->becomes("WaymarkScene.counts().pictures === 2"));
   EXPECT_TRUE(browser->becomes(std::string(kText) + " === 'tracking'"));
   EXPECT_TRUE(browser->becomes("WaymarkScene.counts().segments > 50")) << "it moves";
-  EXPECT_EQ(browser->evaluate("document.querySelectorAll('#markers tbody tr').length"), 49);
+  EXPECT_EQ(browser->evaluate("document.querySelectorAll('#markers tbody tr').length"), 51);
+  for (const char* natural :
+       {"document.getElementById('legend').textContent.includes('natural marker')",
+        "document.getElementById('markers').textContent.includes('posternatural, 0.600')",
+        "document.getElementById('map-text').textContent.includes('2 natural ones')"}) {
+    EXPECT_EQ(browser->evaluate(natural), true) << natural;
+  }
+  // It goes round: the second one comes into view, and nobody finds it there.
+  EXPECT_TRUE(
+      browser->becomes("document.getElementById('image-text').textContent.includes('natural "
+                       "markers (fire exit plan), dashed: not found within a second')"));
+  EXPECT_TRUE(browser->becomes(
+      "document.getElementById('image-text').textContent.includes('natural markers (poster')"));
   EXPECT_TRUE(
       browser->becomes("document.getElementById('counters').textContent.includes("
                        "'dropped.queue') && document.getElementById('counters')."

@@ -31,6 +31,7 @@
 #include <waymark/health_t.hpp>
 #include <waymark/joint_t.hpp>
 #include <waymark/map_t.hpp>
+#include <waymark/natural_map_t.hpp>
 #include <waymark/pose_t.hpp>
 
 namespace waymark::tools {
@@ -138,12 +139,14 @@ class Echo {
   Status subscribe(lcm_t* lcm, const char* channel, lcm_msg_handler_t handler);
   void receivePose(const lcm_recv_buf_t& buffer);
   void receiveMap(const lcm_recv_buf_t& buffer);
+  void receiveNaturalMap(const lcm_recv_buf_t& buffer);
   void receiveJoint(const lcm_recv_buf_t& buffer);
   void receiveHealth(const lcm_recv_buf_t& buffer);
   void print();
   void tellSilence() const;
   [[nodiscard]] bool over(std::int64_t begin_ns) const;
   [[nodiscard]] Status writeFiles() const;
+  [[nodiscard]] io::MapPicture picture(int first_piece) const;
 
   const EchoOptions& options_;
   PoseStream stream_;
@@ -151,6 +154,7 @@ class Echo {
   std::map<int, io::Trajectory> trajectories_;  // for the picture, by piece of the map
   pose_t pose_{};
   map_t map_piece_{};
+  natural_map_t natural_map_{};
   health_t health_{};
   joint_t joint_{};
   std::optional<std::int64_t> first_utime_;  // of the first frame received
@@ -190,6 +194,13 @@ Result<ExitCode> Echo::run() {
     const Status maps =
         subscribe(lcm.get(), "MAP", [](const auto* buffer, const char*, void* self) {
           static_cast<Echo*>(self)->receiveMap(*buffer);
+        });
+    if (!maps) return maps.error();
+  }
+  if (!options_.picture_file.empty()) {
+    const Status maps =
+        subscribe(lcm.get(), "NATURAL_MAP", [](const auto* buffer, const char*, void* self) {
+          static_cast<Echo*>(self)->receiveNaturalMap(*buffer);
         });
     if (!maps) return maps.error();
   }
@@ -251,6 +262,10 @@ void Echo::receiveMap(const lcm_recv_buf_t& buffer) {
   if (!decode(buffer, &map_piece_) || !map_.add(map_piece_)) stream_.addMalformed();
 }
 
+void Echo::receiveNaturalMap(const lcm_recv_buf_t& buffer) {
+  if (!decode(buffer, &natural_map_) || !map_.add(natural_map_)) stream_.addMalformed();
+}
+
 void Echo::receiveJoint(const lcm_recv_buf_t& buffer) {
   if (!decode(buffer, &joint_)) return stream_.addMalformed();
   const bool joined = joint_.kind == joint_t::KIND_JOINED;
@@ -277,15 +292,14 @@ void Echo::print() {
   }
 }
 
-// Files are of one world: the one that the camera is in at the end.
+// A list of markers is of one world: the one that the camera is in at the end.
 Status Echo::writeFiles() const {
   const int piece = pose_.map_piece;
-  if (map_.worlds() > 1 && (!options_.map_file.empty() || !options_.picture_file.empty())) {
-    std::fprintf(
-        stderr,
-        "waymark: the map has %zu pieces, each with a world of its own; files are of piece "
-        "%d\n",
-        map_.worlds(), piece);
+  if (const std::size_t worlds = map_.worlds().size(); worlds > 1 && !options_.map_file.empty()) {
+    std::fprintf(stderr,
+                 "waymark: the map has %zu pieces, each with a world of its own; %s is of piece "
+                 "%d\n",
+                 worlds, options_.map_file.c_str(), piece);
   }
   if (!options_.map_file.empty()) {
     Status written =
@@ -293,13 +307,25 @@ Status Echo::writeFiles() const {
     if (!written) return written;
   }
   if (options_.picture_file.empty()) return success();
-  const auto found = trajectories_.find(piece);
-  const io::Trajectory trajectory = found == trajectories_.end() ? io::Trajectory() : found->second;
-  return io::writeMapPicture(options_.picture_file, {.title = "Map and trajectory as published",
-                                                     .markers = map_.markers(piece),
-                                                     .estimate = trajectory,
-                                                     .truth = {},
-                                                     .z_is_up = false});
+  return io::writeMapPicture(options_.picture_file, picture(piece));
+}
+
+// All pieces, that one first.
+io::MapPicture Echo::picture(int first_piece) const {
+  io::MapPicture picture{.title = "Map and trajectory as published", .pieces = {}};
+  const auto add = [&](int piece) {
+    const auto found = trajectories_.find(piece);
+    picture.pieces.push_back(
+        {.piece = piece,
+         .markers = map_.markers(piece),
+         .natural = map_.natural(piece),
+         .estimate = found == trajectories_.end() ? io::Trajectory() : found->second});
+  };
+  add(first_piece);
+  for (const int piece : map_.worlds()) {
+    if (piece != first_piece) add(piece);
+  }
+  return picture;
 }
 
 }  // namespace

@@ -166,9 +166,9 @@ Status drawPicture(const std::string& file, Inputs inputs, const TrajectoryError
   const std::string ate = io::fixed(1000.0 * errors.ate_m.mean, 2);
   return io::writeMapPicture(file,
                              {.title = "Map and trajectory against the truth: ATE " + ate + " mm",
-                              .markers = std::move(inputs.map),
-                              .estimate = std::move(inputs.estimate),
-                              .truth = std::move(inputs.truth),
+                              .pieces = {{.markers = std::move(inputs.map),
+                                          .estimate = std::move(inputs.estimate),
+                                          .truth = std::move(inputs.truth)}},
                               .z_is_up = true});
 }
 

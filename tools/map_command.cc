@@ -73,14 +73,7 @@ struct MergeArguments {
 Outcome info(const InfoArguments& arguments) {
   const Result<io::MapFile> file = io::readMap(arguments.map);
   if (!file) return file.error();
-  std::string text = mapInfo(*file, arguments.markers);
-  for (const slam::Map& piece : file->other_pieces) {
-    text += "\npiece " + std::to_string(piece.piece) + ", a world of its own\n";
-    io::MapFile other = *file;
-    other.map = piece;
-    text += mapInfo(other, arguments.markers);
-  }
-  return text;
+  return mapInfo(*file, arguments.markers);
 }
 
 // Of a map in pieces one world goes into what knows of no pieces.

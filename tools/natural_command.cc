@@ -197,7 +197,7 @@ Outcome check(const CheckArguments& arguments) {
     std::fflush(stdout);
   }
   std::string text;
-  for (const slam::AlikePictures& pair : slam::findAlike(set->markers)) {
+  for (const slam::AlikePictures& pair : set->alike) {
     text += set->entries[static_cast<std::size_t>(pair.first)].name + " and " +
             set->entries[static_cast<std::size_t>(pair.second)].name +
             " look alike: " + percent(pair.share) + " of the features\n";

@@ -54,6 +54,27 @@ void addTrajectories(const std::string& name, int main_piece,
   }
 }
 
+// All pieces, the main one first.
+std::string pictureText(const slam::Slam& slam, const slam::Map& main_piece,
+                        const std::map<int, io::Trajectory>& trajectories, const RunSetup& setup) {
+  io::MapPicture picture{.title = setup.input->description(),
+                         .pieces = {},
+                         .photographs = setup.input->unorderedImages()};
+  const auto add = [&](const slam::Map& map) {
+    const auto found = trajectories.find(map.piece);
+    picture.pieces.push_back(
+        {.piece = map.piece,
+         .markers = io::posedMarkerCorners(map),
+         .natural = io::posedNaturalMarkerCorners(map),
+         .estimate = found == trajectories.end() ? io::Trajectory() : found->second});
+  };
+  add(main_piece);
+  for (const slam::Map* const map : slam.pieces()) {
+    if (map != &main_piece) add(*map);
+  }
+  return io::formatMapPicture(picture);
+}
+
 }  // namespace
 
 Status writeResults(const slam::Slam& slam,
@@ -72,12 +93,7 @@ Status writeResults(const slam::Slam& slam,
   output.add("poses_final.csv", io::formatFramePoses(final_poses));
   output.add(setup.calibration_name,
              io::formatCalibration(slam.lens().calibrationOf(slam.camera())));
-  output.add("map.svg", io::formatMapPicture({.title = setup.input->description(),
-                                              .markers = io::posedMarkerCorners(map),
-                                              .estimate = final_trajectories[map.piece],
-                                              .truth = {},
-                                              .z_is_up = false,
-                                              .photographs = setup.input->unorderedImages()}));
+  output.add("map.svg", pictureText(slam, map, final_trajectories, setup));
   Status written = output.commit();
   if (written) return written;
   output.add("stats.json", statistics(written.error().message));

@@ -59,6 +59,8 @@ Status LcmInput::subscribeAll() {
   const bool all = subscribe<pose_t>(prefix_ + "POSE") && subscribe<map_t>(prefix_ + "MAP") &&
                    subscribe<health_t>(prefix_ + "HEALTH") &&
                    subscribe<detections_t>(prefix_ + "DETECTIONS") &&
+                   subscribe<natural_map_t>(prefix_ + "NATURAL_MAP") &&
+                   subscribe<natural_detections_t>(prefix_ + "NATURAL") &&
                    subscribe<preview_t>(prefix_ + "PREVIEW") &&
                    subscribe<calibration_t>(prefix_ + "CALIBRATION") &&
                    subscribe<bot_core::pose_t>(body_channel_);

@@ -8,7 +8,6 @@
 #include "daemon/health/status_name.h"
 #include "io/calibrations/calibration_file.h"
 #include "slam/detection/codes/dictionary.h"
-#include "view/seen_markers.h"
 
 namespace waymark::view {
 namespace {
@@ -21,8 +20,8 @@ constexpr std::int64_t kHistogram_ns = 30'000'000'000;
 constexpr std::size_t kWay = 32;          // points of the trail that come with each pose
 constexpr std::size_t kTrail = 20'000;    // points; then every second one goes
 constexpr std::size_t kSeenFrames = 256;  // a preview comes within a second
-constexpr std::int32_t kMostPieces = 200;
 constexpr std::size_t kMostCounters = 1000;
+constexpr std::size_t kMostPictures = 1000;
 
 // Text from the network need not be UTF-8.
 std::string dump(const Json& json) {
@@ -62,6 +61,13 @@ const char* unposedName(std::int8_t state) {
 double worstSigma(const double (&covariance)[36], std::size_t first) {
   return std::sqrt(std::max(
       {0.0, covariance[7 * first], covariance[7 * (first + 1)], covariance[7 * (first + 2)]}));
+}
+
+Json naturalJson(const natural_marker_t& m) {
+  return {{"id", m.id},           {"name", m.name},
+          {"width", m.width},     {"height", pictureHeight(m)},
+          {"p", m.p_w_m},         {"q", m.q_w_m},
+          {"piece", m.map_piece}, {"sigma_m", worstSigma(m.covariance, 0)}};
 }
 
 // The cells of the code, row after row, '1' is white.
@@ -113,10 +119,11 @@ void LiveState::setPlayback(Json playback) {
 // Another daemon, or the same one started anew.
 void LiveState::forgetSession() {
   trail_.clear();
-  pieces_.clear();
   map_.clear();
+  natural_map_.clear();
   latencies_ = {};
   seen_.clear();
+  found_.clear();
   preview_.reset();
   body_.reset();
   counters_before_.clear();
@@ -173,21 +180,27 @@ void LiveState::addToTrail(const pose_t& pose) {
   trail_.resize(kept);
 }
 
-void LiveState::add(const map_t& piece, std::int64_t now_ns) {
+void LiveState::add(const map_t& part, std::int64_t now_ns) {
   heard_ns_ = now_ns;
-  if (piece.piece < 0 || piece.piece_count < 1 || piece.piece_count > kMostPieces ||
-      piece.piece >= piece.piece_count) {
-    return addMalformed();
+  using Added = MapParts<map_t>::Added;
+  const Added added = map_.add(part);
+  if (added == Added::kImpossible) addMalformed();
+  if (added == Added::kWhole) changed(Part::kMap);
+  // Natural markers come right after each revision: where it comes again and they have not, there
+  // are none any more.
+  if (added == Added::kKnown && !natural_map_.whole().empty() &&
+      natural_map_.revision() != map_.revision()) {
+    natural_map_.clear();
+    changed(Part::kMap);
   }
-  if (!map_.empty() && map_.begin()->second.revision == piece.revision) return;  // is there
-  if (!pieces_.empty() && (pieces_.begin()->second.revision != piece.revision ||
-                           pieces_.begin()->second.piece_count != piece.piece_count)) {
-    pieces_.clear();
-  }
-  pieces_[piece.piece] = piece;
-  if (std::cmp_less(pieces_.size(), piece.piece_count)) return;
-  map_ = std::exchange(pieces_, {});
-  changed(Part::kMap);
+}
+
+void LiveState::add(const natural_map_t& part, std::int64_t now_ns) {
+  heard_ns_ = now_ns;
+  using Added = MapParts<natural_map_t>::Added;
+  const Added added = natural_map_.add(part);
+  if (added == Added::kImpossible) addMalformed();
+  if (added == Added::kWhole) changed(Part::kMap);
 }
 
 void LiveState::add(const health_t& health, std::int64_t now_ns) {
@@ -208,6 +221,18 @@ void LiveState::add(const detections_t& detections, std::int64_t now_ns) {
   if (pose_ && pose_->sequence == detections.sequence) frame.pose = pose_;
   if (seen_.size() > kSeenFrames) seen_.pop_front();
   changed(Part::kDetections);
+}
+
+// Each tells of earlier frames; of every picture the newest is kept.
+void LiveState::add(const natural_detections_t& found, std::int64_t now_ns) {
+  heard_ns_ = now_ns;
+  if (found.detections.size() > kMostPictures) return addMalformed();
+  for (const natural_detection_t& picture : found.detections) {
+    if (found_.size() >= kMostPictures) found_.clear();
+    found_[picture.id] = {picture, found.monotonic_ns};
+    // The image of that frame may be there already.
+    if (preview_ && preview_->sequence == picture.sequence) changed(Part::kPreview);
+  }
 }
 
 void LiveState::add(const preview_t& preview, std::int64_t now_ns) {
@@ -284,16 +309,22 @@ Json LiveState::pose() const {
 }
 
 Json LiveState::map() const {
-  Json json = {{"type", "map"}, {"markers", Json::array()}, {"unposed", Json::array()}};
-  if (map_.empty()) return json;
-  const map_t& first = map_.begin()->second;
+  Json json = {{"type", "map"},
+               {"markers", Json::array()},
+               {"natural", Json::array()},
+               {"unposed", Json::array()}};
+  for (const auto& [number, part] : natural_map_.whole()) {
+    for (const natural_marker_t& m : part.markers) json["natural"].push_back(naturalJson(m));
+  }
+  if (map_.whole().empty()) return json;
+  const map_t& first = map_.whole().begin()->second;
   const auto dictionary = slam::Dictionary::byName(first.dictionary);
   json["revision"] = first.revision;
   json["dictionary"] = first.dictionary;
   json["side"] = dictionary ? dictionary->side() : 0;
   json["keyframes"] = first.keyframe_count;
-  for (const auto& [number, piece] : map_) {
-    for (const marker_t& m : piece.markers) {
+  for (const auto& [number, part] : map_.whole()) {
+    for (const marker_t& m : part.markers) {
       json["markers"].push_back({{"id", m.id},
                                  {"size", m.size},
                                  {"p", m.p_w_m},
@@ -304,7 +335,7 @@ Json LiveState::map() const {
                                  {"sigma_m", m.sigma_m},
                                  {"cells", cellsOf(dictionary, m.id)}});
     }
-    for (const unposed_marker_t& m : piece.unposed) {
+    for (const unposed_marker_t& m : part.unposed) {
       json["unposed"].push_back(
           {{"id", m.id}, {"size", m.size}, {"state", unposedName(m.state)}, {"views", m.views}});
     }
@@ -325,17 +356,19 @@ Json LiveState::health() const {
   return json;
 }
 
-Json LiveState::markersOf(const SeenFrame& frame) const {
-  return seenMarkers(frame.detections, frame.pose ? &*frame.pose : nullptr,
-                     health_ ? &health_->lens : nullptr, map_);
+void LiveState::tellSeen(const SeenFrame& frame, Json* json) const {
+  const pose_t* const pose = frame.pose ? &*frame.pose : nullptr;
+  const lens_t* const lens = health_ ? &health_->lens : nullptr;
+  (*json)["markers"] = seenMarkers(frame.detections, pose, lens, map_.whole());
+  (*json)["pictures"] = seenPictures(frame.detections, pose, lens, natural_map_.whole(), found_);
 }
 
 Json LiveState::detections() const {
-  Json json = {{"type", "detections"}, {"markers", Json::array()}};
+  Json json = {{"type", "detections"}, {"markers", Json::array()}, {"pictures", Json::array()}};
   if (seen_.empty()) return json;
   json["sequence"] = seen_.back().detections.sequence;
   json["seen"] = seen_.back().detections.seen;
-  json["markers"] = markersOf(seen_.back());
+  tellSeen(seen_.back(), &json);
   return json;
 }
 
@@ -345,7 +378,7 @@ Json LiveState::preview() const {
   Json json = previewJson(*preview_);
   const auto frame = std::ranges::find_if(
       seen_, [&](const SeenFrame& seen) { return seen.detections.sequence == preview_->sequence; });
-  if (frame != seen_.end()) json["markers"] = markersOf(*frame);
+  if (frame != seen_.end()) tellSeen(*frame, &json);
   if (calibration_ && calibration_->sequence == preview_->sequence) {
     json["board"] = boardJson(*calibration_);
   }

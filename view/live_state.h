@@ -14,10 +14,14 @@
 #include <bot_core/pose_t.hpp>
 
 #include "io/text/json_node.h"
+#include "view/map_parts.h"
+#include "view/seen_markers.h"
 #include <waymark/calibration_t.hpp>
 #include <waymark/detections_t.hpp>
 #include <waymark/health_t.hpp>
 #include <waymark/map_t.hpp>
+#include <waymark/natural_detections_t.hpp>
+#include <waymark/natural_map_t.hpp>
 #include <waymark/pose_t.hpp>
 #include <waymark/preview_t.hpp>
 
@@ -41,9 +45,12 @@ class LiveState {
  public:
   // Times are CLOCK_MONOTONIC, when a message was received.
   void add(const pose_t& pose, std::int64_t now_ns);
-  void add(const map_t& piece, std::int64_t now_ns);
+  void add(const map_t& part, std::int64_t now_ns);
+  void add(const natural_map_t& part, std::int64_t now_ns);
   void add(const health_t& health, std::int64_t now_ns);
   void add(const detections_t& detections, std::int64_t now_ns);
+  // Of earlier frames.
+  void add(const natural_detections_t& found, std::int64_t now_ns);
   void add(const preview_t& preview, std::int64_t now_ns);
   // Of a camera that is being calibrated.
   void add(const calibration_t& calibration, std::int64_t now_ns);
@@ -102,7 +109,8 @@ class LiveState {
   [[nodiscard]] io::Json detections() const;
   [[nodiscard]] io::Json preview() const;
   [[nodiscard]] io::Json calibration() const;
-  [[nodiscard]] io::Json markersOf(const SeenFrame& frame) const;
+  // What was seen in a frame, markers and pictures.
+  void tellSeen(const SeenFrame& frame, io::Json* json) const;
   [[nodiscard]] io::Json part(Part which) const;
 
   std::array<std::uint64_t, kParts> versions_{};
@@ -121,11 +129,12 @@ class LiveState {
   std::array<std::array<std::uint64_t, kLatencyBounds_ms.size() + 1>, 2> latencies_{};
   std::int64_t histogram_since_ns_ = 0;
 
-  std::map<std::int32_t, map_t> pieces_;  // of the revision that is coming in
-  std::map<std::int32_t, map_t> map_;     // the newest whole one
+  MapParts<map_t> map_;
+  MapParts<natural_map_t> natural_map_;
   std::optional<health_t> health_;
   std::map<std::string, std::int64_t> counters_before_;  // when this daemon was first heard
   std::deque<SeenFrame> seen_;  // of the last frames, the newest at the end
+  FoundPictures found_;
   std::optional<preview_t> preview_;
   std::optional<calibration_t> calibration_;
   std::int64_t calibrated_ns_ = 0;  // when that came

@@ -39,6 +39,21 @@ map_t mapPiece(std::int64_t revision, int piece, int pieces, int id) {
   return map;
 }
 
+natural_map_t naturalPart(std::int64_t revision, int piece, int pieces, const char* name) {
+  natural_map_t map{};
+  map.revision = revision;
+  map.piece = piece;
+  map.piece_count = pieces;
+  map.markers.resize(1);
+  map.markers[0].name = name;
+  map.markers[0].width = 0.6;
+  map.markers[0].height = 0.4;
+  map.markers[0].map_piece = 2;
+  map.markers[0].covariance[7] = 9e-6;
+  map.count = 1;
+  return map;
+}
+
 health_t healthOf(std::int64_t uptime_ns, std::int64_t drops) {
   health_t health{};
   health.uptime_ns = uptime_ns;
@@ -128,6 +143,31 @@ TEST(LiveState, AMapIsThereWhenAllItsPiecesAre) {
   map = parsed(state, Part::kMap);
   ASSERT_EQ(map["markers"].size(), 1U);
   EXPECT_EQ(map["markers"][0]["id"], 2);
+}
+
+TEST(LiveState, NaturalMarkersAreAPartOfTheMap) {
+  LiveState state;
+  EXPECT_TRUE(parsed(state, Part::kMap)["natural"].empty());
+  state.add(mapPiece(3, 0, 1, 7), kSecond_ns);
+  state.add(naturalPart(3, 0, 2, "poster"), kSecond_ns);
+  EXPECT_TRUE(parsed(state, Part::kMap)["natural"].empty()) << "not all of them are there";
+  const std::uint64_t version = state.version(Part::kMap);
+  state.add(naturalPart(3, 1, 2, "door \xff"), kSecond_ns);
+  EXPECT_GT(state.version(Part::kMap), version);
+  const Json natural = parsed(state, Part::kMap)["natural"];
+  ASSERT_EQ(natural.size(), 2U);
+  EXPECT_EQ(natural[0]["name"], "poster");
+  EXPECT_EQ(natural[0]["width"], 0.6);
+  EXPECT_EQ(natural[0]["height"], 0.4);
+  EXPECT_EQ(natural[0]["piece"], 2);
+  EXPECT_NEAR(natural[0]["sigma_m"], 3e-3, 1e-12);
+  state.add(naturalPart(4, 5, 2, "none"), kSecond_ns);
+  EXPECT_EQ(parsed(state, Part::kLink)["malformed"], 1);
+  // Of a map that comes again without them there are none any more.
+  state.add(mapPiece(4, 0, 1, 7), kSecond_ns);
+  EXPECT_EQ(parsed(state, Part::kMap)["natural"].size(), 2U) << "they may be on their way";
+  state.add(mapPiece(4, 0, 1, 7), kSecond_ns);
+  EXPECT_TRUE(parsed(state, Part::kMap)["natural"].empty());
 }
 
 TEST(LiveState, AnotherStartOfTheDaemonForgetsTheOneBefore) {

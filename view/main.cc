@@ -110,6 +110,7 @@ class Offline {
   void start(WebServer& server, LiveState& state) {
     if (result_) {
       for (const map_t& part : result_->map) state.add(part, monotonicNs());
+      for (const natural_map_t& part : result_->natural_map) state.add(part, monotonicNs());
       server.setGreeting(result_->result.dump(-1, ' ', false, io::Json::error_handler_t::replace));
       return;
     }

@@ -63,8 +63,8 @@ std::string LiveState::metricsText() const {
     metrics.head("waymark_frames_missed_total", "counter", "Frames of which nothing came here.");
     metrics.value("waymark_frames_missed_total", static_cast<double>(missing_));
   }
-  if (!map_.empty()) {
-    const map_t& map = map_.begin()->second;
+  if (!map_.whole().empty()) {
+    const map_t& map = map_.whole().begin()->second;
     metrics.gauge("waymark_map_markers", "Markers with a pose.", map.marker_count);
     metrics.gauge("waymark_map_keyframes", "Keyframes of the map.", map.keyframe_count);
   }

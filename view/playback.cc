@@ -101,6 +101,8 @@ void Playback::feed(const eventlog::Event& event, std::int64_t now_ns, LiveState
     if (name == "MAP") return give<map_t>(event, now_ns, state);
     if (name == "HEALTH") return give<health_t>(event, now_ns, state);
     if (name == "DETECTIONS") return give<detections_t>(event, now_ns, state);
+    if (name == "NATURAL_MAP") return give<natural_map_t>(event, now_ns, state);
+    if (name == "NATURAL") return give<natural_detections_t>(event, now_ns, state);
     return;
   }
   if (capture::isImage(event.data)) keepImage(event);

@@ -19,7 +19,8 @@ using io::Json;
 constexpr std::int64_t kBegin_us = 1'700'000'000'000'000;
 constexpr std::int64_t kTick_ns = 1'000'000'000;
 
-// Ten seconds at 10 Hz: images, poses and detections; a map in the first of each five seconds.
+// Ten seconds at 10 Hz: images, poses and detections; a map in the first of each five seconds,
+// with a natural marker, which is found a second later.
 class PlaybackTest : public ::testing::Test {
  protected:
   PlaybackTest() {
@@ -43,13 +44,34 @@ class PlaybackTest : public ::testing::Test {
       detections_t detections{};
       detections.sequence = i;
       append(*writer, utime + 2000, "WAYMARK_DETECTIONS", detections);
+      if (i % 50 == 10) {
+        natural_detections_t found{};
+        found.sequence = i;
+        found.count = 1;
+        found.detections.resize(1);
+        found.detections[0].sequence = i - 2;
+        append(*writer, utime + 3000, "WAYMARK_NATURAL", found);
+      }
       if (i % 50 != 0) continue;
+      health_t health{};
+      health.lens.width = health.lens.height = 100;
+      health.lens.fx = health.lens.fy = 100.0;
+      health.lens.cx = health.lens.cy = 50.0;
+      append(*writer, utime + 3000, "WAYMARK_HEALTH", health);
       map_t map{};
       map.piece_count = 1;
       map.revision = 1;
       map.count = 1;
       map.markers.resize(1);
       append(*writer, utime + 3000, "WAYMARK_MAP", map);
+      natural_map_t natural{};
+      natural.piece_count = natural.count = 1;
+      natural.revision = 1;
+      natural.markers.resize(1);
+      natural.markers[0].width = 1.0;
+      natural.markers[0].p_w_m[2] = 20.0;
+      natural.markers[0].q_w_m[1] = 1.0;
+      append(*writer, utime + 3000, "WAYMARK_NATURAL_MAP", natural);
     }
     EXPECT_TRUE(writer->flush());
   }
@@ -95,6 +117,17 @@ TEST_F(PlaybackTest, AnImageComesWithWhatWasFoundInIt) {
   EXPECT_TRUE(preview["image"].get<std::string>().starts_with("data:image/jpeg;base64,/9j/"));
   EXPECT_EQ(preview["width"], 8);
   EXPECT_TRUE(preview.contains("markers"));
+}
+
+TEST_F(PlaybackTest, NaturalMarkersComeWithMapAndFrames) {
+  Playback playback = open();
+  playback.tick(kTick_ns, &state_);
+  playback.tick(kTick_ns + kTick_ns / 2, &state_);
+  EXPECT_EQ(part(Part::kMap)["natural"].size(), 1U);
+  ASSERT_EQ(part(Part::kDetections)["pictures"].size(), 1U);
+  EXPECT_EQ(part(Part::kDetections)["pictures"][0]["lately"], false);
+  playback.tick(2 * kTick_ns + kTick_ns / 2, &state_);
+  EXPECT_EQ(part(Part::kDetections)["pictures"][0]["lately"], true);
 }
 
 TEST_F(PlaybackTest, PausesAndGoesToAnyTime) {

@@ -5,6 +5,7 @@
 #include <cstdint>
 #include <map>
 #include <optional>
+#include <span>
 #include <string_view>
 #include <utility>
 
@@ -14,6 +15,7 @@
 #include "daemon/frames/map_snapshot.h"
 #include "daemon/publish/message_fields.h"
 #include "daemon/publish/messages.h"
+#include "daemon/publish/natural_messages.h"
 #include "io/maps/map_file.h"
 #include "io/text/number_text.h"
 #include "io/text/text_file.h"
@@ -26,17 +28,36 @@ namespace {
 namespace fs = std::filesystem;
 using io::Json;
 
-std::vector<map_t> partsOf(const io::MapFile& file) {
+constexpr std::int64_t kRevision = 1;  // there is no other
+
+// What a daemon would tell of the natural markers, which knows them from its configuration.
+daemon::PrintsById printsOf(std::span<const slam::Map* const> pieces) {
+  daemon::PrintsById prints;
+  for (const slam::Map* const piece : pieces) {
+    for (const auto& [id, marker] : piece->markers()) {
+      if (!slam::isPicture(id)) continue;
+      prints[id] = {.name = marker.picture, .width_m = marker.size_m, .height_m = marker.height_m};
+    }
+  }
+  return prints;
+}
+
+void fillMap(const io::MapFile& file, ResultView* view) {
   std::vector<const slam::Map*> pieces = {&file.map};
   for (const slam::Map& piece : file.other_pieces) pieces.push_back(&piece);
   daemon::MapSnapshot snapshot;
   daemon::fillSnapshot(pieces, &snapshot);
-  std::vector<map_t> parts(static_cast<std::size_t>(daemon::mapPieceCount(snapshot)));
-  for (std::size_t i = 0; i < parts.size(); ++i) {
-    daemon::fillMapPiece(snapshot, file.map.dictionary, /*revision=*/1, static_cast<int>(i),
-                         parts[i]);
+  view->map.resize(static_cast<std::size_t>(daemon::mapPieceCount(snapshot)));
+  for (std::size_t i = 0; i < view->map.size(); ++i) {
+    daemon::fillMapPiece(snapshot, file.map.dictionary, kRevision, static_cast<int>(i),
+                         view->map[i]);
   }
-  return parts;
+  const daemon::PrintsById prints = printsOf(pieces);
+  view->natural_map.resize(static_cast<std::size_t>(daemon::naturalPieceCount(snapshot)));
+  for (std::size_t i = 0; i < view->natural_map.size(); ++i) {
+    daemon::fillNaturalMapPiece(snapshot, prints, kRevision, static_cast<int>(i),
+                                view->natural_map[i]);
+  }
 }
 
 // The frames of a poses.csv.
@@ -159,7 +180,8 @@ std::vector<std::string> csvFields(const std::string& line) {
 Result<ResultView> readResultView(const fs::path& directory, const fs::path& truth_file) {
   const Result<io::MapFile> map = io::readMap(directory / "map.json");
   if (!map) return map.error();
-  ResultView view{.map = partsOf(*map), .result = {{"type", "result"}}};
+  ResultView view{.map = {}, .natural_map = {}, .result = {{"type", "result"}}};
+  fillMap(*map, &view);
   view.result["name"] = fs::absolute(directory).lexically_normal().string();
   if (const Result<std::string> stats = io::readTextFile(directory / "stats.json")) {
     const Result<Json> parsed = io::parseJson(*stats, "stats.json");

@@ -9,11 +9,13 @@
 #include "base/result.h"
 #include "io/text/json_node.h"
 #include <waymark/map_t.hpp>
+#include <waymark/natural_map_t.hpp>
 
 namespace waymark::view {
 
 struct ResultView {
   std::vector<map_t> map;  // in parts, one after the other
+  std::vector<natural_map_t> natural_map;
   // {"type":"result","name","verdict","tracks":[{"name","poses":[[t,x,y,z,qw,qx,qy,qz,piece,sigma_m,
   // markers,rms_px,source] or [t,
   // reason]]}],"truth":[[t,x,y,z]],"errors":[{"name","rms_m","median_m",

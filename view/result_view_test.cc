@@ -32,6 +32,11 @@ class ResultViewTest : public ::testing::Test {
     map.addMarker(7, 0.2);
     map.place(7, slam::Transform{}, std::nullopt, slam::Matrix6d::Zero());
     map.addMarker(9, 0.2);
+    slam::PicturePrint print;
+    print.name = "poster";
+    print.width_m = 0.6;
+    print.height_m = 0.4;
+    map.place(map.addPicture(print).id, slam::Transform{}, std::nullopt, slam::Matrix6d::Zero());
     write("map.json", io::formatMap(map, std::nullopt));
     std::vector<io::FramePose> frames(5);
     io::Trajectory truth;
@@ -71,6 +76,11 @@ TEST_F(ResultViewTest, HasTheMapAndWhatBecameOfEachFrame) {
   ASSERT_EQ(view->map[0].markers.size(), 1U);
   EXPECT_EQ(view->map[0].markers[0].id, 7);
   ASSERT_EQ(view->map[0].unposed.size(), 1U);
+  ASSERT_EQ(view->natural_map.size(), 1U);
+  ASSERT_EQ(view->natural_map[0].markers.size(), 1U);
+  EXPECT_EQ(view->natural_map[0].markers[0].name, "poster");
+  EXPECT_EQ(view->natural_map[0].markers[0].width, 0.6);
+  EXPECT_EQ(view->natural_map[0].markers[0].height, 0.4);
   const Json& tracks = view->result["tracks"];
   ASSERT_EQ(tracks.size(), 2U);
   EXPECT_EQ(tracks[0]["name"], "live");

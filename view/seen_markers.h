@@ -15,6 +15,8 @@
 #include <waymark/detections_t.hpp>
 #include <waymark/lens_t.hpp>
 #include <waymark/map_t.hpp>
+#include <waymark/natural_detection_t.hpp>
+#include <waymark/natural_map_t.hpp>
 #include <waymark/pose_t.hpp>
 #include <waymark/preview_t.hpp>
 
@@ -25,6 +27,24 @@ namespace waymark::view {
 // the pose is of another frame. pose, lens: may be null.
 [[nodiscard]] io::Json seenMarkers(const detections_t& detections, const pose_t* pose,
                                    const lens_t* lens, const std::map<std::int32_t, map_t>& map);
+
+// A natural marker as it was found last, and the time of the frame with which that took effect:
+// what is found in a frame is told some frames later.
+struct FoundPicture {
+  natural_detection_t detection{};
+  std::int64_t monotonic_ns = 0;
+};
+using FoundPictures = std::map<std::int32_t, FoundPicture>;  // by id
+
+// The natural markers of the map in a frame, each with "name", "lately" (it was found within a
+// second) and at least one of "corners", where it was found in that very frame, and "expected",
+// as of seenMarkers(), where it faces the camera and its middle is in the image.
+[[nodiscard]] io::Json seenPictures(const detections_t& frame, const pose_t* pose,
+                                    const lens_t* lens,
+                                    const std::map<std::int32_t, natural_map_t>& map,
+                                    const FoundPictures& found);
+// Metres. One whose print nobody has described is told without: as high as it is wide, then.
+[[nodiscard]] double pictureHeight(const natural_marker_t& marker);
 
 // Empty where nothing is known of the lens.
 [[nodiscard]] std::optional<slam::Calibration> calibrationOf(const lens_t& lens);

@@ -77,6 +77,99 @@ TEST(SeenMarkers, TellsNoCornersWithoutAllThatTheyNeed) {
   EXPECT_FALSE(behind.seen()[0].contains("expected"));
 }
 
+// The same camera, and a picture of 0.4 x 0.2 m, 2 m before it.
+struct PictureScene : Scene {
+  PictureScene() {
+    natural[0].markers.resize(1);
+    natural_marker_t& m = natural[0].markers[0];
+    m.id = 1 << 30;
+    m.name = "poster";
+    m.width = 0.4;
+    m.height = 0.2;
+    m.p_w_m[2] = 2.0;
+    m.q_w_m[1] = 1.0;
+    detections.monotonic_ns = 5'000'000'000;
+  }
+  // In frame `sequence` it is found where the camera is `distance_m` from it.
+  void find(std::int64_t sequence, double distance_m, std::int64_t told_ns) {
+    FoundPicture& picture = found[1 << 30];
+    picture.detection.sequence = sequence;
+    picture.detection.p_m_c[2] = distance_m;
+    picture.detection.q_m_c[1] = 1.0;
+    picture.monotonic_ns = told_ns;
+  }
+  [[nodiscard]] Json seenPicture() const {
+    const Json seen = seenPictures(detections, &pose, &lens, natural, found);
+    return seen.size() == 1 ? seen[0] : Json();
+  }
+
+  std::map<std::int32_t, natural_map_t> natural;
+  FoundPictures found;
+};
+
+void expectCorners(const Json& corners, double x, double y) {
+  ASSERT_EQ(corners.size(), 4U);
+  const double expected[4][2] = {
+      {320 - x, 240 - y}, {320 + x, 240 - y}, {320 + x, 240 + y}, {320 - x, 240 + y}};
+  for (int i = 0; i < 4; ++i) {
+    EXPECT_NEAR(corners[i][0], expected[i][0], 1e-9) << i;
+    EXPECT_NEAR(corners[i][1], expected[i][1], 1e-9) << i;
+  }
+}
+
+TEST(SeenPictures, AreWhereMapAndPosePutThem) {
+  PictureScene scene;
+  const Json seen = scene.seenPicture();
+  EXPECT_EQ(seen["name"], "poster");
+  EXPECT_EQ(seen["lately"], false);
+  EXPECT_FALSE(seen.contains("corners"));
+  expectCorners(seen["expected"], 50, 25);
+  scene.natural[0].markers[0].height = 0.0;
+  expectCorners(scene.seenPicture()["expected"], 50, 50);
+}
+
+TEST(SeenPictures, AreWhereTheyWereFoundInThatVeryFrame) {
+  PictureScene scene;
+  scene.find(5, 1.0, 5'200'000'000);
+  expectCorners(scene.seenPicture()["corners"], 100, 50);
+  expectCorners(scene.seenPicture()["expected"], 50, 25);
+  EXPECT_EQ(scene.seenPicture()["lately"], true);
+  scene.pose.sequence = 4;
+  EXPECT_TRUE(scene.seenPicture().contains("corners")) << "needs no pose";
+  EXPECT_FALSE(scene.seenPicture().contains("expected"));
+}
+
+TEST(SeenPictures, FoundInAnEarlierFrameAreFoundLately) {
+  PictureScene scene;
+  scene.find(2, 1.0, 4'500'000'000);
+  EXPECT_FALSE(scene.seenPicture().contains("corners"));
+  EXPECT_EQ(scene.seenPicture()["lately"], true);
+  scene.find(2, 1.0, 3'500'000'000);
+  EXPECT_EQ(scene.seenPicture()["lately"], false);
+}
+
+TEST(SeenPictures, WhatCannotBeSeenIsNotThere) {
+  PictureScene from_behind;
+  from_behind.natural[0].markers[0].q_w_m[1] = 0.0;
+  from_behind.natural[0].markers[0].q_w_m[0] = 1.0;
+  EXPECT_TRUE(from_behind.seenPicture().is_null());
+  PictureScene behind;
+  behind.natural[0].markers[0].p_w_m[2] = -2.0;
+  EXPECT_TRUE(behind.seenPicture().is_null());
+  PictureScene beside;
+  beside.natural[0].markers[0].p_w_m[0] = 1.5;
+  EXPECT_TRUE(beside.seenPicture().is_null());
+  PictureScene other_piece;
+  other_piece.natural[0].markers[0].map_piece = 1;
+  EXPECT_TRUE(other_piece.seenPicture().is_null());
+  PictureScene no_number;
+  no_number.natural[0].markers[0].width = std::numeric_limits<double>::quiet_NaN();
+  EXPECT_TRUE(no_number.seenPicture().is_null());
+  PictureScene no_lens;
+  no_lens.lens.fx = 0.0;
+  EXPECT_TRUE(no_lens.seenPicture().is_null());
+}
+
 TEST(SeenMarkers, Base64IsTheStandards) {
   EXPECT_EQ(base64Of(""), "");
   EXPECT_EQ(base64Of("f"), "Zg==");
@@ -131,6 +224,41 @@ TEST(Preview, ComesWithWhatWasFoundInItsOwnFrame) {
   state.add(previewOf(9), 1);
   EXPECT_FALSE(Json::parse(state.text(Part::kPreview)).contains("markers"))
       << "no frame of it was heard of";
+}
+
+// What was found in a frame is told frames later.
+TEST(Preview, PicturesAreAddedToTheImageThatIsThereAlready) {
+  LiveState state;
+  const PictureScene scene;
+  natural_map_t map = scene.natural.at(0);
+  map.piece_count = map.count = 1;
+  state.add(map, 1);
+  health_t health{};
+  health.lens = scene.lens;
+  state.add(health, 1);
+  state.add(scene.pose, 1);
+  state.add(scene.detections, 1);
+  state.add(previewOf(5), 1);
+  Json pictures = Json::parse(state.text(Part::kPreview))["pictures"];
+  ASSERT_EQ(pictures.size(), 1U);
+  EXPECT_FALSE(pictures[0].contains("corners"));
+  const std::uint64_t version = state.version(Part::kPreview);
+  natural_detections_t found{};
+  found.sequence = 9;
+  found.detections.resize(1);
+  found.detections[0].sequence = 4;
+  found.detections[0].id = 1 << 30;
+  state.add(found, 1);
+  EXPECT_EQ(state.version(Part::kPreview), version) << "of another frame";
+  found.detections[0].sequence = 5;
+  found.detections[0].p_m_c[2] = 1.0;
+  found.detections[0].q_m_c[1] = 1.0;
+  state.add(found, 1);
+  EXPECT_GT(state.version(Part::kPreview), version);
+  pictures = Json::parse(state.text(Part::kPreview))["pictures"];
+  ASSERT_EQ(pictures.size(), 1U);
+  expectCorners(pictures[0]["corners"], 100, 50);
+  EXPECT_EQ(Json::parse(state.text(Part::kDetections))["pictures"], pictures);
 }
 
 calibration_t calibrationOfFrame(std::int64_t sequence) {

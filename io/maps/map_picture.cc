@@ -22,12 +22,16 @@ constexpr double kShortest = 320.0;  // the shorter side is padded to at least t
 constexpr double kMargin = 62.0;
 constexpr double kHeader = 64.0;
 constexpr double kFooter = 40.0;
+constexpr double kTitle = 34.0;         // above the first of several pieces
+constexpr double kOtherPieces = 600.0;  // as kDrawing, of those after the first
 
 constexpr std::string_view kInk = "#1f2933";
 constexpr std::string_view kMuted = "#7b8794";
 constexpr std::string_view kGrid = "#eceff3";
 constexpr std::string_view kMarkerFill = "#f6c65b";
 constexpr std::string_view kMarkerEdge = "#a8670a";
+constexpr std::string_view kNaturalFill = "#e6dcf3";
+constexpr std::string_view kNaturalEdge = "#6f4a9e";
 constexpr std::string_view kEstimate = "#2563eb";
 constexpr std::string_view kTruth = "#10b981";
 
@@ -74,22 +78,26 @@ std::string lengthText(double metres) {
 // Where the world is cut flat: which world axes go right and up on the page, and how far.
 class Projection {
  public:
-  explicit Projection(const MapPicture& picture) {
+  // The longer side of what is drawn gets `drawn`.
+  Projection(const MapDrawing& drawing, bool z_is_up, double drawn) {
     Eigen::Vector3d low = Eigen::Vector3d::Constant(std::numeric_limits<double>::infinity());
     Eigen::Vector3d high = -low;
     const auto include = [&](const Eigen::Vector3d& p) {
       low = low.cwiseMin(p);
       high = high.cwiseMax(p);
     };
-    for (const MarkerCorners& marker : picture.markers) {
+    for (const MarkerCorners& marker : drawing.markers) {
       for (const Eigen::Vector3d& corner : marker.corners) include(corner);
     }
-    for (const Trajectory* trajectory : {&picture.estimate, &picture.truth}) {
+    for (const NaturalMarkerCorners& marker : drawing.natural) {
+      for (const Eigen::Vector3d& corner : marker.corners) include(corner);
+    }
+    for (const Trajectory* trajectory : {&drawing.estimate, &drawing.truth}) {
       for (const StampedPose& pose : *trajectory) include(pose.T_w_c.p);
     }
     if (!low.allFinite()) low = high = Eigen::Vector3d::Zero();
-    chooseAxes(high - low, picture.z_is_up);
-    fit(low, high);
+    chooseAxes(high - low, z_is_up);
+    fit(low, high, drawn);
   }
 
   [[nodiscard]] Eigen::Vector2d operator()(const Eigen::Vector3d& p) const {
@@ -128,13 +136,13 @@ class Projection {
     up_sign_ = view.up_sign;
   }
 
-  void fit(const Eigen::Vector3d& low, const Eigen::Vector3d& high) {
+  void fit(const Eigen::Vector3d& low, const Eigen::Vector3d& high, double drawn) {
     const double up_low = std::min(up_sign_ * low[up_axis_], up_sign_ * high[up_axis_]);
     const double up_high = std::max(up_sign_ * low[up_axis_], up_sign_ * high[up_axis_]);
     const double wide = high[right_axis_] - low[right_axis_];
     const double tall = up_high - up_low;
     const double longer = std::max({wide, tall, 1e-3});
-    scale_ = kDrawing / longer;
+    scale_ = drawn / longer;
     const double drawn_width = std::max(scale_ * wide, kShortest);
     const double drawn_height = std::max(scale_ * tall, kShortest);
     width_ = drawn_width + 2.0 * kMargin;
@@ -196,67 +204,138 @@ std::string grid(const Projection& project) {
 // Keeps labels off each other: one that would cover another moves on along its way out.
 class LabelPlaces {
  public:
-  Eigen::Vector2d find(Eigen::Vector2d at, const Eigen::Vector2d& way_out) {
+  static constexpr double kWidth = 20.0;  // of an id
+
+  Eigen::Vector2d find(Eigen::Vector2d at, const Eigen::Vector2d& way_out, double width = kWidth) {
     constexpr int kTries = 8;
-    for (int i = 0; i < kTries && covered(at); ++i) at += kHeight * way_out;
-    places_.push_back(at);
+    for (int i = 0; i < kTries && covered(at, width); ++i) at += kHeight * way_out;
+    places_.push_back({at, width});
     return at;
   }
 
  private:
-  static constexpr double kWidth = 20.0;
+  struct Place {
+    Eigen::Vector2d at;
+    double width;
+  };
   static constexpr double kHeight = 11.0;
 
-  [[nodiscard]] bool covered(const Eigen::Vector2d& at) const {
-    return std::any_of(places_.begin(), places_.end(), [&](const Eigen::Vector2d& place) {
-      const Eigen::Vector2d distance = (place - at).cwiseAbs();
-      return distance.x() < kWidth && distance.y() < kHeight - 1.0;
+  [[nodiscard]] bool covered(const Eigen::Vector2d& at, double width) const {
+    return std::any_of(places_.begin(), places_.end(), [&](const Place& place) {
+      const Eigen::Vector2d distance = (place.at - at).cwiseAbs();
+      return distance.x() < 0.5 * (place.width + width) && distance.y() < kHeight - 1.0;
     });
   }
 
-  std::vector<Eigen::Vector2d> places_;
+  std::vector<Place> places_;
 };
 
-// The projected print; a marker seen edge-on is a bar. A short line shows where it faces.
+// A print as it lies on the page.
+class Print {
+ public:
+  Print(const Projection& project, const std::array<Eigen::Vector3d, 4>& corners) {
+    double twice_area = 0.0;
+    double longest_side = 1e-9;
+    for (std::size_t i = 0; i < 4; ++i) {
+      const Eigen::Vector2d p = project(corners[i]);
+      const Eigen::Vector2d next = project(corners[(i + 1) % 4]);
+      points_ += (points_.empty() ? "" : " ") + n(p.x()) + "," + n(p.y());
+      centre_ += 0.25 * p;
+      twice_area += p.x() * next.y() - p.y() * next.x();
+      longest_side = std::max(longest_side, (next - p).norm());
+      box_.extend(p);
+    }
+    room_ = 0.5 * std::abs(twice_area) / longest_side;
+    facing_ =
+        project.direction((corners[1] - corners[0]).cross(corners[0] - corners[3]).normalized());
+  }
+
+  // Seen edge-on it is a bar, and a short line shows where it faces.
+  [[nodiscard]] std::string shape(double reach, std::string_view fill,
+                                  std::string_view edge) const {
+    std::string svg;
+    if (edgeOn()) svg += line(centre_, centre_ + reach * facing_, edge, 1.2);
+    return svg + "<polygon points=\"" + points_ + "\" fill=\"" + std::string(fill) +
+           "\" stroke=\"" + std::string(edge) +
+           "\" stroke-width=\"1.8\" stroke-linejoin=\"round\"/>\n";
+  }
+  // Inside where there is room.
+  [[nodiscard]] std::string labelInside(std::string_view content, double size) const {
+    return text(centre_ + Eigen::Vector2d(0.0, 0.36 * size), content, size, kInk,
+                "text-anchor=\"middle\"");
+  }
+  // Behind it where it is seen edge-on, else above its middle.
+  [[nodiscard]] Eigen::Vector2d away() const {
+    return edgeOn() ? Eigen::Vector2d(-facing_.normalized()) : Eigen::Vector2d(0, -1);
+  }
+  [[nodiscard]] const Eigen::Vector2d& centre() const { return centre_; }
+  [[nodiscard]] double room() const { return room_; }  // how wide it is where it is narrow
+  [[nodiscard]] double wide() const { return box_.sizes().x(); }
+  // From its centre as far as its box goes.
+  [[nodiscard]] double reach(const Eigen::Vector2d& way) const {
+    return 0.5 * box_.sizes().dot(way.cwiseAbs());
+  }
+
+ private:
+  [[nodiscard]] bool edgeOn() const { return facing_.norm() > 0.3; }
+
+  std::string points_;
+  Eigen::Vector2d centre_ = Eigen::Vector2d::Zero();
+  Eigen::AlignedBox2d box_;
+  double room_ = 0.0;
+  Eigen::Vector2d facing_;  // shorter the less it is seen from the side
+};
+
+std::string labelText(const Eigen::Vector2d& at, std::string_view content) {
+  return text(at + Eigen::Vector2d(0.0, 3.6), content, 10.0, kInk, "text-anchor=\"middle\"");
+}
+
+// Inside a print that has so much room.
+double labelSize(double room) { return std::clamp(0.45 * room, 8.0, 16.0); }
+
 std::string markerShape(const Projection& project, const MarkerCorners& marker,
                         LabelPlaces& labels) {
-  std::string points;
-  Eigen::Vector2d centre = Eigen::Vector2d::Zero();
-  double twice_area = 0.0;
-  double longest_side = 1e-9;
-  for (std::size_t i = 0; i < 4; ++i) {
-    const Eigen::Vector2d p = project(marker.corners[i]);
-    const Eigen::Vector2d next = project(marker.corners[(i + 1) % 4]);
-    points += (points.empty() ? "" : " ") + n(p.x()) + "," + n(p.y());
-    centre += 0.25 * p;
-    twice_area += p.x() * next.y() - p.y() * next.x();
-    longest_side = std::max(longest_side, (next - p).norm());
-  }
-  const Eigen::Vector3d normal = (marker.corners[1] - marker.corners[0])
-                                     .cross(marker.corners[0] - marker.corners[3])
-                                     .normalized();
-  const Eigen::Vector2d facing = project.direction(normal);
-  const bool edge_on = facing.norm() > 0.3;
-  std::string svg;
-  if (edge_on) {
-    const double reach = std::clamp(0.5 * marker.size_m * project.scale(), 6.0, 18.0);
-    svg += line(centre, centre + reach * facing, kMarkerEdge, 1.2);
-  }
-  svg += "<polygon points=\"" + points + "\" fill=\"" + std::string(kMarkerFill) + "\" stroke=\"" +
-         std::string(kMarkerEdge) + "\" stroke-width=\"1.8\" stroke-linejoin=\"round\"/>\n";
-
-  // The id: inside where there is room, else behind the marker.
+  const Print print(project, marker.corners);
+  const double reach = std::clamp(0.5 * marker.size_m * project.scale(), 6.0, 18.0);
+  const std::string svg = print.shape(reach, kMarkerFill, kMarkerEdge);
   const std::string id = std::to_string(marker.id);
-  const double room = 0.5 * std::abs(twice_area) / longest_side;
-  if (room > 13.0) {
-    const double size = std::clamp(0.45 * room, 8.0, 16.0);
-    return svg + text(centre + Eigen::Vector2d(0.0, 0.36 * size), id, size, kInk,
-                      "text-anchor=\"middle\"");
+  if (print.room() > 13.0) {
+    return svg + print.labelInside(id, labelSize(print.room()));
   }
-  const Eigen::Vector2d away =
-      edge_on ? Eigen::Vector2d(-facing.normalized()) : Eigen::Vector2d(0, -1);
-  const Eigen::Vector2d at = labels.find(centre + 12.0 * away, away);
-  return svg + text(at + Eigen::Vector2d(0.0, 3.6), id, 10.0, kInk, "text-anchor=\"middle\"");
+  return svg + labelText(labels.find(print.centre() + 12.0 * print.away(), print.away()), id);
+}
+
+// The beginning of a long name.
+std::string shortName(const std::string& name) {
+  constexpr std::size_t kMost = 24;
+  std::string whole = oneLine(name);
+  if (whole.size() <= kMost) return whole;
+  std::size_t end = kMost - 3;
+  while (end > 0 && (static_cast<unsigned char>(whole[end]) & 0xC0U) == 0x80U) --end;
+  return whole.substr(0, end) + "...";
+}
+
+// Names are longer than ids: smaller inside, and beside it so that they do not lie across.
+std::string naturalShape(const Projection& project, const NaturalMarkerCorners& marker,
+                         LabelPlaces& labels) {
+  constexpr double kCharacter = 0.62;  // of the font's size, in the mean
+  constexpr double kSmallest = 8.0;
+  const Print print(project, marker.corners);
+  const double width_m = (marker.corners[1] - marker.corners[0]).norm();
+  const double reach = std::clamp(0.25 * width_m * project.scale(), 6.0, 18.0);
+  const std::string svg = print.shape(reach, kNaturalFill, kNaturalEdge);
+  const std::string name = shortName(marker.name);
+  const double characters = std::max<double>(1.0, static_cast<double>(name.size()));
+  const double fits = 0.9 * print.wide() / (kCharacter * characters);
+  if (print.room() > 13.0 && fits >= kSmallest) {
+    return svg + print.labelInside(name, std::min(fits, labelSize(print.room())));
+  }
+  const double width = std::max(kCharacter * 10.0 * characters, LabelPlaces::kWidth);
+  const Eigen::Vector2d away = print.away();
+  const double distance = print.reach(away) + 8.0 + 0.5 * width * std::abs(away.x());
+  Eigen::Vector2d at = print.centre() + distance * away;
+  at.x() = std::clamp(at.x(), 0.5 * width + 4.0, project.width() - 0.5 * width - 4.0);
+  return svg + labelText(labels.find(at, away, width), name);
 }
 
 std::int64_t medianPeriod(const Trajectory& trajectory) {
@@ -309,17 +388,20 @@ std::string shortened(const std::string& title, double width) {
   return "..." + title.substr(from);
 }
 
-std::string header(const Projection& project, const MapPicture& picture) {
-  const std::string title = shortened(picture.title, project.width() - 2.0 * kMargin);
-  return text({kMargin, 30.0}, title, 18.0, kInk, "font-weight=\"600\"") +
-         text({kMargin, 50.0},
-              std::to_string(picture.markers.size()) + " markers, " +
-                  std::to_string(picture.estimate.size()) + " poses; " + project.axesText(),
-              12.0, kMuted);
+std::string header(const Projection& project, const MapDrawing& drawing, const std::string& title,
+                   double size) {
+  std::string counts = std::to_string(drawing.markers.size()) + " markers, ";
+  if (!drawing.natural.empty()) {
+    counts += std::to_string(drawing.natural.size()) + " natural ones (violet), ";
+  }
+  counts += std::to_string(drawing.estimate.size()) + " poses; " + project.axesText();
+  return text({kMargin, 30.0}, shortened(title, project.width() - 2.0 * kMargin), size, kInk,
+              "font-weight=\"600\"") +
+         text({kMargin, 50.0}, counts, 12.0, kMuted);
 }
 
 // What the lines are, left; the scale bar, right.
-std::string footer(const Projection& project, const MapPicture& picture) {
+std::string footer(const Projection& project, const MapDrawing& drawing, bool photographs) {
   const double y = project.height() - 16.0;
   double x = kMargin;
   std::string svg;
@@ -328,11 +410,11 @@ std::string footer(const Projection& project, const MapPicture& picture) {
     svg += text({x + 29.0, y}, label, 12.0, kInk);
     x += 100.0;
   };
-  if (!picture.truth.empty()) entry("truth", kTruth, 5.0);
-  if (picture.photographs) {
+  if (!drawing.truth.empty()) entry("truth", kTruth, 5.0);
+  if (photographs) {
     svg +=
         dot({x + 6.0, y - 4.0}, kEstimate, kEstimate) + text({x + 17.0, y}, "camera", 12.0, kInk);
-  } else if (!picture.estimate.empty()) {
+  } else if (!drawing.estimate.empty()) {
     entry("estimate", kEstimate, 2.0);
     svg += dot({x + 6.0, y - 4.0}, "#ffffff", kEstimate) + text({x + 17.0, y}, "start", 12.0, kInk);
     svg += dot({x + 71.0, y - 4.0}, kEstimate, kEstimate) + text({x + 82.0, y}, "end", 12.0, kInk);
@@ -345,31 +427,69 @@ std::string footer(const Projection& project, const MapPicture& picture) {
   return svg + text({start - 8.0, y}, lengthText(metres), 12.0, kInk, "text-anchor=\"end\"");
 }
 
+// All of a piece but its title, from the top left corner of the page.
+std::string drawn(const Projection& project, const MapDrawing& drawing, bool photographs) {
+  std::string svg = grid(project);
+  if (!drawing.truth.empty()) svg += trajectoryPath(project, drawing.truth, kTruth, 5.0);
+  LabelPlaces labels;
+  for (const NaturalMarkerCorners& marker : drawing.natural) {
+    svg += naturalShape(project, marker, labels);
+  }
+  for (const MarkerCorners& marker : drawing.markers) svg += markerShape(project, marker, labels);
+  if (photographs) {
+    for (const StampedPose& pose : drawing.estimate) {
+      svg += dot(project(pose.T_w_c.p), kEstimate, kEstimate);
+    }
+  } else if (!drawing.estimate.empty()) {
+    svg += trajectoryPath(project, drawing.estimate, kEstimate, 2.0);
+    svg += dot(project(drawing.estimate.front().T_w_c.p), "#ffffff", kEstimate);
+    svg += dot(project(drawing.estimate.back().T_w_c.p), kEstimate, kEstimate);
+  }
+  return svg;
+}
+
+std::string page(double width, double height, const std::string& content) {
+  const std::string w = n(width);
+  const std::string h = n(height);
+  return "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"" + w + "\" height=\"" + h +
+         "\" viewBox=\"0 0 " + w + " " + h +
+         "\" font-family=\"DejaVu Sans, Helvetica, Arial, sans-serif\">\n" +
+         "<rect width=\"100%\" height=\"100%\" fill=\"#ffffff\"/>\n" + content + "</svg>\n";
+}
+
+std::string onePiece(const MapPicture& picture) {
+  const MapDrawing& drawing = picture.pieces.front();
+  const Projection project(drawing, picture.z_is_up, kDrawing);
+  return page(project.width(), project.height(),
+              drawn(project, drawing, picture.photographs) +
+                  header(project, drawing, picture.title, 18.0) +
+                  footer(project, drawing, picture.photographs));
+}
+
+// Each has its own world, and nobody knows how they lie to each other.
+std::string severalPieces(const MapPicture& picture) {
+  std::string content;
+  double width = 0.0;
+  double height = kTitle;
+  for (const MapDrawing& drawing : picture.pieces) {
+    const bool first = &drawing == &picture.pieces.front();
+    const Projection project(drawing, picture.z_is_up, first ? kDrawing : kOtherPieces);
+    content += "<g transform=\"translate(0 " + n(height) + ")\">\n" +
+               drawn(project, drawing, picture.photographs) +
+               header(project, drawing, "piece " + std::to_string(drawing.piece), 15.0) +
+               footer(project, drawing, picture.photographs) + "</g>\n";
+    width = std::max(width, project.width());
+    height += project.height();
+  }
+  content += text({kMargin, 30.0}, shortened(picture.title, width - 2.0 * kMargin), 18.0, kInk,
+                  "font-weight=\"600\"");
+  return page(width, height, content);
+}
+
 }  // namespace
 
 std::string formatMapPicture(const MapPicture& picture) {
-  const Projection project(picture);
-  const std::string width = n(project.width());
-  const std::string height = n(project.height());
-  std::string svg = "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"" + width + "\" height=\"" +
-                    height + "\" viewBox=\"0 0 " + width + " " + height +
-                    "\" font-family=\"DejaVu Sans, Helvetica, Arial, sans-serif\">\n";
-  svg += "<rect width=\"100%\" height=\"100%\" fill=\"#ffffff\"/>\n";
-  svg += grid(project);
-  if (!picture.truth.empty()) svg += trajectoryPath(project, picture.truth, kTruth, 5.0);
-  LabelPlaces labels;
-  for (const MarkerCorners& marker : picture.markers) svg += markerShape(project, marker, labels);
-  if (picture.photographs) {
-    for (const StampedPose& pose : picture.estimate) {
-      svg += dot(project(pose.T_w_c.p), kEstimate, kEstimate);
-    }
-  } else if (!picture.estimate.empty()) {
-    svg += trajectoryPath(project, picture.estimate, kEstimate, 2.0);
-    svg += dot(project(picture.estimate.front().T_w_c.p), "#ffffff", kEstimate);
-    svg += dot(project(picture.estimate.back().T_w_c.p), kEstimate, kEstimate);
-  }
-  svg += header(project, picture) + footer(project, picture);
-  return svg + "</svg>\n";
+  return picture.pieces.size() == 1 ? onePiece(picture) : severalPieces(picture);
 }
 
 Status writeMapPicture(const std::filesystem::path& path, const MapPicture& picture) {

@@ -1,4 +1,5 @@
-// A picture of a map and the ways through it, seen along the axis in which they extend least.
+// A picture of a map and the ways through it, seen along the axis in which they extend least; each
+// piece of a map is a drawing of its own.
 #pragma once
 
 #include <filesystem>
@@ -11,12 +12,18 @@
 
 namespace waymark::io {
 
-// All in one world frame, metres.
+// A piece of the map: all in one world frame, metres.
+struct MapDrawing {
+  int piece = 0;  // told where there are several
+  std::vector<MarkerCorners> markers{};
+  std::vector<NaturalMarkerCorners> natural{};
+  Trajectory estimate{};
+  Trajectory truth{};  // may be empty
+};
+
 struct MapPicture {
   std::string title;
-  std::vector<MarkerCorners> markers;
-  Trajectory estimate;
-  Trajectory truth;  // may be empty
+  std::vector<MapDrawing> pieces;  // one below the other; at least one
   // How the world is drawn upright: with z up (a surveyed world), else as the camera that it began
   // with saw it (y down, z forward).
   bool z_is_up = false;
@@ -24,8 +31,8 @@ struct MapPicture {
   bool photographs = false;
 };
 
-// SVG: markers with their ids and the direction they face, trajectories with their gaps, a grid, a
-// scale bar and a legend. Equal input, equal bytes.
+// SVG: of each piece markers with their ids or names and the direction they face, trajectories with
+// their gaps, a grid, a scale bar and a legend. Equal input, equal bytes.
 [[nodiscard]] std::string formatMapPicture(const MapPicture& picture);
 [[nodiscard]] Status writeMapPicture(const std::filesystem::path& path, const MapPicture& picture);
 

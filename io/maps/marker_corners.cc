@@ -56,6 +56,24 @@ Result<std::vector<MarkerCorners>> readMarkerCorners(const std::filesystem::path
   return markers;
 }
 
+std::array<Eigen::Vector3d, 4> rectangleCorners(const slam::Transform& T_w_m, double width_m,
+                                                double height_m) {
+  const double x = 0.5 * width_m;
+  const double y = 0.5 * height_m;
+  return {T_w_m * Eigen::Vector3d(-x, y, 0.0), T_w_m * Eigen::Vector3d(x, y, 0.0),
+          T_w_m * Eigen::Vector3d(x, -y, 0.0), T_w_m * Eigen::Vector3d(-x, -y, 0.0)};
+}
+
+std::vector<NaturalMarkerCorners> posedNaturalMarkerCorners(const slam::Map& map) {
+  std::vector<NaturalMarkerCorners> pictures;
+  for (const auto& [id, marker] : map.markers()) {
+    if (!marker.T_w_m || !slam::isPicture(id)) continue;
+    pictures.push_back(
+        {marker.picture, rectangleCorners(*marker.T_w_m, marker.size_m, marker.height_m)});
+  }
+  return pictures;
+}
+
 std::vector<MarkerCorners> posedMarkerCorners(const slam::Map& map) {
   std::vector<MarkerCorners> markers;
   for (const auto& [id, marker] : map.markers()) {

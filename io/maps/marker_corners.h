@@ -4,6 +4,7 @@
 #include <array>
 #include <filesystem>
 #include <span>
+#include <string>
 #include <string_view>
 #include <vector>
 
@@ -23,6 +24,15 @@ struct MarkerCorners {
   int piece = 0;  // of the map, whose world the corners are in
 };
 
+// The same of a natural marker: a rectangle.
+struct NaturalMarkerCorners {
+  std::string name;
+  std::array<Eigen::Vector3d, 4> corners;
+};
+
+[[nodiscard]] std::array<Eigen::Vector3d, 4> rectangleCorners(const slam::Transform& T_w_m,
+                                                              double width_m, double height_m);
+
 // {"note":...,"markers":[{"id","size","corners"}]}, in the order given.
 [[nodiscard]] Status writeMarkerLayout(const std::filesystem::path& path,
                                        std::span<const MarkerCorners> markers,
@@ -35,5 +45,6 @@ struct MarkerCorners {
 
 // The posed markers of a map, sorted by id.
 [[nodiscard]] std::vector<MarkerCorners> posedMarkerCorners(const slam::Map& map);
+[[nodiscard]] std::vector<NaturalMarkerCorners> posedNaturalMarkerCorners(const slam::Map& map);
 
 }  // namespace waymark::io

@@ -10,8 +10,8 @@
 namespace waymark::io {
 namespace {
 
-// Whoever changes what is written, or how features are computed, counts up.
-constexpr std::string_view kMagic = "WMFEAT01";
+// Whoever changes what is written, how features are computed or what looks alike, counts up.
+constexpr std::string_view kMagic = "WMFEAT02";
 constexpr std::uint32_t kMostFeatures = 100'000;
 constexpr std::uint32_t kMostBytes = 1'024;  // of a descriptor
 
@@ -66,6 +66,13 @@ bool takeSet(std::string_view* bytes, slam::FeatureSet* set) {
   return true;
 }
 
+bool takeAlike(std::string_view* bytes, const FeatureCache& cache, AlikeKeys* pair) {
+  return take(bytes, &pair->first) && take(bytes, &pair->second) && take(bytes, &pair->shared) &&
+         take(bytes, &pair->share) && cache.features.contains(pair->first) &&
+         cache.features.contains(pair->second) && pair->first != pair->second &&
+         std::isfinite(pair->share);
+}
+
 }  // namespace
 
 std::filesystem::path featureCachePath(const std::filesystem::path& markers) {
@@ -96,18 +103,26 @@ FeatureCache parseFeatureCache(std::string_view bytes) {
   if (fnv1a(bytes) != sum) return {};
   bytes.remove_prefix(kMagic.size());
   FeatureCache cache;
-  while (!bytes.empty()) {
+  std::uint32_t pictures = 0;
+  if (!take(&bytes, &pictures)) return {};
+  for (std::uint32_t i = 0; i < pictures; ++i) {
     std::uint64_t key = 0;
     slam::FeatureSet set;
     if (!take(&bytes, &key) || !takeSet(&bytes, &set)) return {};
-    cache[key] = std::move(set);
+    cache.features[key] = std::move(set);
+  }
+  while (!bytes.empty()) {
+    AlikeKeys pair;
+    if (!takeAlike(&bytes, cache, &pair)) return {};
+    cache.alike.push_back(pair);
   }
   return cache;
 }
 
 std::string formatFeatureCache(const FeatureCache& cache) {
   std::string out(kMagic);
-  for (const auto& [key, set] : cache) {
+  put(static_cast<std::uint32_t>(cache.features.size()), &out);
+  for (const auto& [key, set] : cache.features) {
     put(key, &out);
     put(static_cast<std::uint32_t>(set.kind), &out);
     put(static_cast<std::uint32_t>(set.descriptor_bytes), &out);
@@ -121,6 +136,12 @@ std::string formatFeatureCache(const FeatureCache& cache) {
       put(f.strength, &out);
     }
     out.append(reinterpret_cast<const char*>(set.descriptors.data()), set.descriptors.size());
+  }
+  for (const AlikeKeys& pair : cache.alike) {
+    put(pair.first, &out);
+    put(pair.second, &out);
+    put(pair.shared, &out);
+    put(pair.share, &out);
   }
   put(fnv1a(out), &out);
   return out;

@@ -1,5 +1,6 @@
-// Features of pictures, computed once and kept: a file beside that of the natural markers, in which
-// each picture's features stand under the checksum of what they are made from.
+// Features of pictures, and which of these look alike, computed once and kept: a file beside that
+// of the natural markers, in which each picture's features stand under the checksum of what they
+// are made from.
 #pragma once
 
 #include <cstdint>
@@ -7,14 +8,26 @@
 #include <map>
 #include <string>
 #include <string_view>
+#include <vector>
 
 #include "base/result.h"
 #include "slam/natural/pictures/natural_marker.h"
 
 namespace waymark::io {
 
-// By the checksum of the image's bytes and of the options.
-using FeatureCache = std::map<std::uint64_t, slam::FeatureSet>;
+// Two pictures by their keys, as slam::AlikePictures.
+struct AlikeKeys {
+  std::uint64_t first = 0;
+  std::uint64_t second = 0;
+  int shared = 0;
+  double share = 0.0;
+};
+
+struct FeatureCache {
+  // By the checksum of the image's bytes and of the options.
+  std::map<std::uint64_t, slam::FeatureSet> features;
+  std::vector<AlikeKeys> alike;  // of all of them
+};
 
 // FILE.json.features, beside the file of the markers.
 [[nodiscard]] std::filesystem::path featureCachePath(const std::filesystem::path& markers);

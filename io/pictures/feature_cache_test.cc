@@ -1,5 +1,7 @@
 #include "io/pictures/feature_cache.h"
 
+#include <cmath>
+
 #include <gtest/gtest.h>
 
 namespace waymark::io {
@@ -8,7 +10,7 @@ namespace {
 FeatureCache someCache() {
   FeatureCache cache;
   for (std::uint64_t key : {7U, 9U}) {
-    slam::FeatureSet& set = cache[key];
+    slam::FeatureSet& set = cache.features[key];
     set.descriptor_bytes = 128;
     set.upright = 2;
     for (int i = 0; i < 3; ++i) {
@@ -16,34 +18,48 @@ FeatureCache someCache() {
       set.descriptors.insert(set.descriptors.end(), 128, static_cast<std::uint8_t>(i + key));
     }
   }
+  cache.alike.push_back({7, 9, 2, 0.625});
   return cache;
 }
 
 TEST(FeatureCache, ComesBackAsItWas) {
   const FeatureCache cache = someCache();
   const FeatureCache back = parseFeatureCache(formatFeatureCache(cache));
-  ASSERT_EQ(back.size(), 2U);
-  EXPECT_EQ(back.at(9).descriptors, cache.at(9).descriptors);
-  EXPECT_EQ(back.at(9).upright, 2U);
-  EXPECT_EQ(back.at(7).features[1].x_px, 1.5F);
+  ASSERT_EQ(back.features.size(), 2U);
+  EXPECT_EQ(back.features.at(9).descriptors, cache.features.at(9).descriptors);
+  EXPECT_EQ(back.features.at(9).upright, 2U);
+  EXPECT_EQ(back.features.at(7).features[1].x_px, 1.5F);
+  ASSERT_EQ(back.alike.size(), 1U);
+  EXPECT_EQ(back.alike[0].first, 7U);
+  EXPECT_EQ(back.alike[0].second, 9U);
+  EXPECT_EQ(back.alike[0].shared, 2);
+  EXPECT_EQ(back.alike[0].share, 0.625);
 }
 
 TEST(FeatureCache, DamagedIsEmpty) {
   const std::string whole = formatFeatureCache(someCache());
-  EXPECT_TRUE(parseFeatureCache("").empty());
-  EXPECT_TRUE(parseFeatureCache("WMFEAT01").empty());
+  EXPECT_TRUE(parseFeatureCache("").features.empty());
+  EXPECT_TRUE(parseFeatureCache("WMFEAT02").features.empty());
   for (std::size_t i = 0; i < whole.size(); i += 41) {
-    EXPECT_TRUE(parseFeatureCache(std::string_view(whole).substr(0, i)).empty()) << i;
+    EXPECT_TRUE(parseFeatureCache(std::string_view(whole).substr(0, i)).features.empty()) << i;
     std::string damaged = whole;
     damaged[i] = static_cast<char>(damaged[i] ^ 0x10);
-    EXPECT_TRUE(parseFeatureCache(damaged).empty()) << i;
+    EXPECT_TRUE(parseFeatureCache(damaged).features.empty()) << i;
   }
 }
 
 TEST(FeatureCache, FeaturesWithoutDescriptorsAreNone) {
   FeatureCache cache;
-  cache[1].features.resize(3);
-  EXPECT_TRUE(parseFeatureCache(formatFeatureCache(cache)).empty());
+  cache.features[1].features.resize(3);
+  EXPECT_TRUE(parseFeatureCache(formatFeatureCache(cache)).features.empty());
+}
+
+TEST(FeatureCache, PicturesThatAreNotThereAreNotAlike) {
+  for (const AlikeKeys& pair : {AlikeKeys{7, 8, 2, 0.5}, {7, 7, 2, 0.5}, {9, 7, 2, NAN}}) {
+    FeatureCache cache = someCache();
+    cache.alike.push_back(pair);
+    EXPECT_TRUE(parseFeatureCache(formatFeatureCache(cache)).features.empty());
+  }
 }
 
 TEST(FeatureCache, KeysAreOfImageAndOptions) {

@@ -1,5 +1,6 @@
 #include "io/pictures/natural_marker_set.h"
 
+#include <algorithm>
 #include <map>
 #include <optional>
 #include <utility>
@@ -11,7 +12,6 @@
 #include "io/pictures/feature_cache.h"
 #include "io/text/number_text.h"
 #include "io/text/text_file.h"
-#include "slam/natural/pictures/alike_pictures.h"
 #include "slam/natural/pictures/picture_points.h"
 
 namespace waymark::io {
@@ -65,6 +65,31 @@ FeatureCache readCache(const fs::path& markers) {
   return bytes ? parseFeatureCache(*bytes) : FeatureCache{};
 }
 
+std::vector<AlikeKeys> keysOf(const std::vector<slam::AlikePictures>& pairs,
+                              const std::vector<std::uint64_t>& keys) {
+  std::vector<AlikeKeys> alike;
+  for (const slam::AlikePictures& pair : pairs) {
+    alike.push_back({keys[static_cast<std::size_t>(pair.first)],
+                     keys[static_cast<std::size_t>(pair.second)], pair.shared, pair.share});
+  }
+  return alike;
+}
+
+// By their places, as findAlike() has them. Precondition: the cache is of these pictures.
+std::vector<slam::AlikePictures> alikeIn(const FeatureCache& cache,
+                                         const std::vector<std::uint64_t>& keys) {
+  const auto placeOf = [&keys](std::uint64_t key) {
+    return static_cast<int>(std::ranges::find(keys, key) - keys.begin());
+  };
+  std::vector<slam::AlikePictures> pairs;
+  for (const AlikeKeys& pair : cache.alike) {
+    const auto [first, second] = std::minmax({placeOf(pair.first), placeOf(pair.second)});
+    pairs.push_back({first, second, pair.shared, pair.share});
+  }
+  std::ranges::sort(pairs, {}, [](const auto& pair) { return std::pair(pair.first, pair.second); });
+  return pairs;
+}
+
 }  // namespace
 
 Result<NaturalPicture> readNaturalMarker(const fs::path& image, double width_m, double height_m,
@@ -107,26 +132,31 @@ Result<NaturalMarkerSet> readNaturalMarkers(std::vector<NaturalMarkerEntry> entr
       return Error{place + picture + ": is the same picture as that of '" + oneLine(known->second) +
                    "'"};
     }
-    const auto cached = cache.find(key);
-    auto marker = slam::NaturalMarker::create(image->view(), entry.width_m, entry.height_m, options,
-                                              cached != cache.end() ? &cached->second : nullptr);
+    const auto cached = cache.features.find(key);
+    auto marker =
+        slam::NaturalMarker::create(image->view(), entry.width_m, entry.height_m, options,
+                                    cached != cache.features.end() ? &cached->second : nullptr);
     if (!marker) return Error{place + picture + ": " + marker.error().message};
-    if (cached == cache.end()) ++set.computed;
-    next[key] = marker->features();
+    if (cached == cache.features.end()) ++set.computed;
+    next.features[key] = marker->features();
     const std::string note = reducedNote(*image, *marker);
     if (!note.empty()) set.notes.push_back(place + picture + ": " + note);
     set.markers.push_back(std::move(*marker));
     set.keys.push_back(key);
   }
-  // A folder that cannot be written to only costs time.
-  if (set.computed > 0 || next.size() != cache.size()) {
-    (void)writeTextFile(featureCachePath(file), formatFeatureCache(next));
+  if (set.computed == 0 && next.features.size() == cache.features.size()) {
+    set.alike = alikeIn(cache, set.keys);
+    return set;
   }
+  set.alike = slam::findAlike(set.markers);
+  next.alike = keysOf(set.alike, set.keys);
+  // A folder that cannot be written to only costs time.
+  (void)writeTextFile(featureCachePath(file), formatFeatureCache(next));
   return set;
 }
 
 std::string alikeNote(const NaturalMarkerSet& set, const fs::path& file) {
-  const std::vector<slam::AlikePictures> pairs = slam::findAlike(set.markers);
+  const std::vector<slam::AlikePictures>& pairs = set.alike;
   if (pairs.empty()) return {};
   const auto nameOf = [&](int place) {
     return "'" + oneLine(set.entries[static_cast<std::size_t>(place)].name) + "'";

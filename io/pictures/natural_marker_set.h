@@ -9,6 +9,7 @@
 #include "base/result.h"
 #include "io/pictures/natural_marker_file.h"
 #include "slam/map/picture_print.h"
+#include "slam/natural/pictures/alike_pictures.h"
 #include "slam/natural/pictures/natural_marker.h"
 
 namespace waymark::io {
@@ -25,7 +26,8 @@ struct NaturalMarkerSet {
   std::vector<std::uint64_t> keys;           // the same, as NaturalPicture's
   // What users should know, a line each: pictures that were reduced.
   std::vector<std::string> notes;
-  int computed = 0;  // features that were not in the cache
+  std::vector<slam::AlikePictures> alike;  // of all markers
+  int computed = 0;                        // features that were not in the cache
 };
 
 // One picture of a file. The Error is one line: it names the picture and what is wrong with it.
@@ -35,7 +37,8 @@ struct NaturalMarkerSet {
 
 // The Error is one line: FILE, the marker, its image, and what is wrong with it (cannot be read,
 // uniform, self-similar, too small, the same picture as another one's). Features come from the
-// cache beside the file where it has them; a new cache is written where it can be.
+// cache beside the file where it has them, and so does what looks alike where it has exactly these
+// pictures; a new cache is written where it can be.
 [[nodiscard]] Result<NaturalMarkerSet> readNaturalMarkers(
     const std::filesystem::path& file, const slam::NaturalMarkerOptions& options = {});
 // The same of entries that stand in another kind of file: their images count from where it is.
@@ -44,7 +47,7 @@ struct NaturalMarkerSet {
     const slam::NaturalMarkerOptions& options = {});
 
 // One line for who starts with them: that some look alike, of which none is used where the image
-// does not tell which it is. Empty when none do. Takes some milliseconds a picture.
+// does not tell which it is. Empty when none do.
 [[nodiscard]] std::string alikeNote(const NaturalMarkerSet& set, const std::filesystem::path& file);
 
 // What the SLAM is told of them, and what its relocalizer looks for.

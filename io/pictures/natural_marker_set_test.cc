@@ -74,7 +74,7 @@ TEST_F(NaturalMarkerSetTest, FeaturesAreComputedOnce) {
   ASSERT_TRUE(third) << third.error().message;
   EXPECT_EQ(third->computed, 1);
   // A cache that is damaged is made anew.
-  std::ofstream(featureCachePath(path)) << "WMFEAT01 nonsense";
+  std::ofstream(featureCachePath(path)) << "WMFEAT02 nonsense";
   const auto fourth = readNaturalMarkers(path);
   ASSERT_TRUE(fourth) << fourth.error().message;
   EXPECT_EQ(fourth->computed, 2);
@@ -153,6 +153,38 @@ TEST_F(NaturalMarkerSetTest, PicturesThatLookAlikeAreToldInOneLine) {
   const std::string note = noteOf({"a.png", "b.png", "mixed.png"});
   EXPECT_EQ(note.find("n.json: '1' and '3' look alike ("), 0U) << note;
   EXPECT_EQ(note.find('\n'), std::string::npos) << note;
+}
+
+// Looking for them takes longer than all else, the more the more pictures there are.
+TEST_F(NaturalMarkerSetTest, WhichLookAlikeIsLookedForOnce) {
+  save("a.png", scribbles(1));
+  save("b.png", scribbles(2));
+  cv::Mat mixed = scribbles(1);
+  scribbles(2).colRange(250, 400).copyTo(mixed.colRange(250, 400));
+  save("mixed.png", mixed);
+  const std::filesystem::path path = file({"mixed.png", "b.png", "a.png"});
+  const std::filesystem::path cache_path = featureCachePath(path);
+  const auto first = readNaturalMarkers(path);
+  ASSERT_TRUE(first) << first.error().message;
+  ASSERT_FALSE(first->alike.empty());
+  // What is not looked for comes from the cache: here something that nobody would find.
+  FeatureCache cache = parseFeatureCache(*readTextFile(cache_path));
+  ASSERT_EQ(cache.alike.size(), first->alike.size());
+  cache.alike = {{first->keys[2], first->keys[1], 123, 0.75}};
+  ASSERT_TRUE(writeTextFile(cache_path, formatFeatureCache(cache)));
+  const auto second = readNaturalMarkers(path);
+  ASSERT_TRUE(second) << second.error().message;
+  ASSERT_EQ(second->alike.size(), 1U);
+  EXPECT_EQ(second->alike[0].first, 1);
+  EXPECT_EQ(second->alike[0].second, 2);
+  EXPECT_EQ(second->alike[0].shared, 123);
+  EXPECT_EQ(alikeNote(*second, "n.json").find("n.json: '2' and '3' look alike (75 %"), 0U);
+  // Another set is another question, also where all of its features are known.
+  const auto fewer = readNaturalMarkers(file({"mixed.png", "a.png"}));
+  ASSERT_TRUE(fewer) << fewer.error().message;
+  EXPECT_EQ(fewer->computed, 0);
+  ASSERT_EQ(fewer->alike.size(), 1U);
+  EXPECT_NE(fewer->alike[0].shared, 123);
 }
 
 }  // namespace

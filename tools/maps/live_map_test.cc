@@ -45,12 +45,45 @@ TEST(LiveMap, HoldsAWorldForEachPieceOfTheMap) {
   marker_t other = markerAt(7, 2.0);
   other.map_piece = 3;
   EXPECT_TRUE(map.add(pieceOf(1, 0, 1, {markerAt(9, 1.0), other})));
-  EXPECT_EQ(map.worlds(), 2U);
+  EXPECT_EQ(map.worlds(), (std::vector<int>{0, 3}));
   ASSERT_EQ(map.markers().size(), 1U);
   EXPECT_EQ(map.markers()[0].id, 9);
   ASSERT_EQ(map.markers(3).size(), 1U);
   EXPECT_EQ(map.markers(3)[0].id, 7);
   EXPECT_TRUE(map.markers(1).empty());
+}
+
+natural_map_t naturalPart(std::int32_t piece, std::int32_t pieces, const char* name,
+                          int map_piece) {
+  natural_map_t map{};
+  map.revision = 1;
+  map.piece = piece;
+  map.piece_count = pieces;
+  map.count = 1;
+  map.markers.resize(1);
+  natural_marker_t& marker = map.markers.front();
+  marker.name = name;
+  marker.width = 0.6;
+  marker.height = 0.4;
+  marker.q_w_m[0] = 1.0;
+  marker.map_piece = map_piece;
+  return map;
+}
+
+TEST(LiveMap, HoldsNaturalMarkersToo) {
+  LiveMap map;
+  EXPECT_TRUE(map.add(pieceOf(1, 0, 1, {markerAt(9, 1.0)})));
+  EXPECT_TRUE(map.add(naturalPart(0, 2, "poster", 0)));
+  EXPECT_TRUE(map.natural(0).empty()) << "not all of them have come";
+  EXPECT_TRUE(map.add(naturalPart(1, 2, "door", 5)));
+  ASSERT_EQ(map.natural(0).size(), 1U);
+  EXPECT_EQ(map.natural(0)[0].name, "poster");
+  EXPECT_TRUE(map.natural(0)[0].corners[0].isApprox(Eigen::Vector3d(-0.3, 0.2, 0.0)));
+  EXPECT_EQ(map.worlds(), (std::vector<int>{0, 5}));
+  natural_map_t endless = naturalPart(0, 1, "endless", 0);
+  endless.markers[0].width = std::numeric_limits<double>::infinity();
+  EXPECT_FALSE(map.add(endless));
+  EXPECT_FALSE(map.add(naturalPart(2, 2, "none", 0)));
 }
 
 TEST(LiveMap, AnIncompleteRevisionLeavesTheOneBefore) {

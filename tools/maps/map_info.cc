@@ -164,24 +164,8 @@ std::string markerText(const slam::MapMarker& marker, std::size_t views,
   return text + "\n";
 }
 
-}  // namespace
-
-ReprojectionFit reprojectionFit(const io::MapFile& file) {
-  SquareSum all;
-  for (const auto& [id, sum] : squareSums(file)) {
-    all.corners += sum.corners;
-    all.px2 += sum.px2;
-  }
-  return all.fit();
-}
-
-std::map<int, ReprojectionFit> reprojectionFitByMarker(const io::MapFile& file) {
-  std::map<int, ReprojectionFit> fits;
-  for (const auto& [id, sum] : squareSums(file)) fits[id] = sum.fit();
-  return fits;
-}
-
-std::string mapInfo(const io::MapFile& file, bool with_markers) {
+// Of the first piece in the file.
+std::string pieceInfo(const io::MapFile& file, bool with_markers) {
   const slam::Map& map = file.map;
   std::string text = "dictionary  " + map.dictionary + "\n";
   text += "markers     " + statesText(map, false);
@@ -203,6 +187,36 @@ std::string mapInfo(const io::MapFile& file, bool with_markers) {
     const auto views = slam::isPicture(id) ? map.linkedFrom(id) : map.viewsOf(id);
     text += markerText(marker, views.size(), fits[id]);
   }
+  return text;
+}
+
+}  // namespace
+
+ReprojectionFit reprojectionFit(const io::MapFile& file) {
+  SquareSum all;
+  for (const auto& [id, sum] : squareSums(file)) {
+    all.corners += sum.corners;
+    all.px2 += sum.px2;
+  }
+  return all.fit();
+}
+
+std::map<int, ReprojectionFit> reprojectionFitByMarker(const io::MapFile& file) {
+  std::map<int, ReprojectionFit> fits;
+  for (const auto& [id, sum] : squareSums(file)) fits[id] = sum.fit();
+  return fits;
+}
+
+std::string mapInfo(const io::MapFile& file, bool with_markers) {
+  if (file.other_pieces.empty()) return pieceInfo(file, with_markers);
+  std::string text;
+  const auto add = [&](const slam::Map& piece) {
+    io::MapFile of_piece{.map = piece, .camera = file.camera, .has_checksum = file.has_checksum};
+    text += (text.empty() ? "" : "\n") + std::string("piece ") + std::to_string(piece.piece) +
+            ", a world of its own\n" + pieceInfo(of_piece, with_markers);
+  };
+  add(file.map);
+  for (const slam::Map& piece : file.other_pieces) add(piece);
   return text;
 }
 

@@ -65,6 +65,22 @@ TEST(MapInfo, OfASmallMap) {
   EXPECT_EQ(mapInfo(file, false).find("  7  mapped"), std::string::npos);
 }
 
+TEST(MapInfo, EachOfSeveralPiecesHasItsHeading) {
+  io::MapFile file;
+  file.map.dictionary = "4X4_50";
+  file.map.addMarker(3, 0.2);
+  const std::string first = mapInfo(file, true);
+  EXPECT_EQ(first.find("piece"), std::string::npos);
+  io::MapFile other;
+  other.map.dictionary = "4X4_50";
+  other.map.addMarker(4, 0.1);
+  const std::string second = mapInfo(other, true);
+  file.other_pieces.push_back(other.map);
+  file.other_pieces.front().piece = 6;
+  EXPECT_EQ(mapInfo(file, true),
+            "piece 0, a world of its own\n" + first + "\npiece 6, a world of its own\n" + second);
+}
+
 TEST(MapInfo, OfAnEmptyMap) {
   io::MapFile file;
   file.map.dictionary = "4X4_50";

@@ -157,12 +157,15 @@ const WaymarkPanels = (() => {
   function showMap(map) {
     const posed = map.markers;
     const unposed = map.unposed;
-    byId("map-text").textContent = posed.length + unposed.length === 0 ? "No map yet"
-      : `${map.dictionary}: ${posed.length} markers, ${map.keyframes} keyframes` +
+    const natural = map.natural.map((m) => ({...m, id: m.name || m.id, views: "\u2013",
+      state: `natural, ${number(m.width, 3)} \u00d7 ${number(m.height, 3, "m")}`}));
+    byId("map-text").textContent = posed.length + unposed.length + natural.length === 0 ? "No map yet"
+      : `${map.dictionary}: ${posed.length} markers, ` +
+        (natural.length > 0 ? `${natural.length} natural ones, ` : "") + `${map.keyframes} keyframes` +
         (unposed.length > 0 ? `; ${unposed.length} without a pose` : "");
     const body = byId("markers").tBodies[0];
     body.textContent = "";
-    for (const m of [...posed, ...unposed]) {
+    for (const m of [...posed, ...natural, ...unposed]) {
       const row = body.insertRow();
       const sigma = m.p ? (m.sigma_m > 0 ? number(1000 * m.sigma_m, 1) : "\u2013") : "";
       const state = m.piece > 0 ? `${m.state}, piece ${m.piece}` : m.state;
@@ -228,7 +231,36 @@ const WaymarkPanels = (() => {
     context.stroke();
   }
 
-  // Root mean square of the corners' distances, pixels; null where no pose says where they should be.
+  // From where the corners are to where they should be. Root mean square of the distances, pixels;
+  // null where one of the two is not known.
+  function drawResidual(context, m, unit) {
+    if (!m.corners || !m.expected) return null;
+    let sum = 0;
+    context.strokeStyle = style("--bad");
+    context.lineWidth = 2 * unit;
+    m.corners.forEach(([x, y], i) => {
+      const [dx, dy] = [m.expected[i][0] - x, m.expected[i][1] - y];
+      sum += dx * dx + dy * dy;
+      context.beginPath();
+      context.moveTo(x + 0.5, y + 0.5);
+      context.lineTo(x + 0.5 + TIMES * dx, y + 0.5 + TIMES * dy);
+      context.stroke();
+    });
+    return Math.sqrt(sum / 4);
+  }
+
+  function drawName(context, corners, name, unit, onImage) {
+    const middle = [0, 1].map((k) => corners.reduce((total, c) => total + c[k], 0) / 4);
+    context.textAlign = "center";
+    if (onImage) {
+      context.lineWidth = 4 * unit;
+      context.strokeStyle = "#000";
+      context.strokeText(name, middle[0], middle[1] + 6 * unit);
+    }
+    context.fillStyle = onImage ? "#fff" : style("--ink");
+    context.fillText(name, middle[0], middle[1] + 6 * unit);
+  }
+
   function drawMarker(context, m, unit, onImage) {
     context.strokeStyle = m.hamming > 0 ? style("--warn") : style("--good");
     context.setLineDash(m.hamming > 0 ? [6 * unit, 4 * unit] : []);
@@ -237,29 +269,22 @@ const WaymarkPanels = (() => {
     context.setLineDash([]);
     context.fillStyle = style("--bad");  // where its top left corner is
     context.fillRect(m.corners[0][0] - 3 * unit, m.corners[0][1] - 3 * unit, 6 * unit, 6 * unit);
-    let sum = 0;
-    if (m.expected) {
-      context.strokeStyle = style("--bad");
-      context.lineWidth = 2 * unit;
-      m.corners.forEach(([x, y], i) => {
-        const [dx, dy] = [m.expected[i][0] - x, m.expected[i][1] - y];
-        sum += dx * dx + dy * dy;
-        context.beginPath();
-        context.moveTo(x + 0.5, y + 0.5);
-        context.lineTo(x + 0.5 + TIMES * dx, y + 0.5 + TIMES * dy);
-        context.stroke();
-      });
-    }
-    const middle = [0, 1].map((k) => m.corners.reduce((total, c) => total + c[k], 0) / 4);
-    context.textAlign = "center";
-    if (onImage) {
-      context.lineWidth = 4 * unit;
-      context.strokeStyle = "#000";
-      context.strokeText(String(m.id), middle[0], middle[1] + 6 * unit);
-    }
-    context.fillStyle = onImage ? "#fff" : style("--ink");
-    context.fillText(String(m.id), middle[0], middle[1] + 6 * unit);
-    return m.expected ? Math.sqrt(sum / 4) : null;
+    const residual = drawResidual(context, m, unit);
+    drawName(context, m.corners, String(m.id), unit, onImage);
+    return residual;
+  }
+
+  // Where it was found in this very frame, or else where the map has it; dashed where nobody has
+  // found it lately.
+  function drawPicture(context, m, unit, onImage) {
+    context.strokeStyle = style("--picture");
+    context.lineWidth = 2.5 * unit;
+    context.setLineDash(m.lately ? [] : [6 * unit, 4 * unit]);
+    outline(context, m.corners || m.expected);
+    context.setLineDash([]);
+    const residual = drawResidual(context, m, unit);
+    drawName(context, m.corners || m.expected, String(m.name || m.id), unit, onImage);
+    return residual;
   }
 
   function drawRejected(context, squares, unit) {
@@ -301,7 +326,8 @@ const WaymarkPanels = (() => {
     const fresh = WaymarkOffline.isOffline() || performance.now() - photo.came_ms < FRESH_MS;
     const preview = fresh ? photo.shown : null;
     // Drawn once: it comes a few times a second, poses much more often.
-    const key = preview ? `image ${preview.sequence}` : `frame ${detections.sequence} ${images}`;
+    const found = preview ? (preview.pictures || []).filter((m) => m.corners).length : 0;  // comes late
+    const key = preview ? `image ${preview.sequence} ${found}` : `frame ${detections.sequence} ${images}`;
     if (key === drawnKey) return;
     drawnKey = key;
     const canvas = byId("image");
@@ -317,15 +343,22 @@ const WaymarkPanels = (() => {
       return;
     }
     if (preview) drawRejected(context, preview.rejected, unit);
-    const markers = preview ? preview.markers || [] : detections.markers;
-    const residuals = markers.map((m) => drawMarker(context, m, unit, Boolean(preview)));
-    const known = residuals.filter((r) => r !== null);
+    const {markers = [], pictures = []} = preview || detections;
+    const drawn = (m, draw) => {
+      const residual = draw(context, m, unit, Boolean(preview));
+      return {residual, text: (m.name || m.id) + (residual === null ? "" : ` ${number(residual, 2)}`)};
+    };
+    const natural = pictures.map((m) => drawn(m, drawPicture));
+    const squares = markers.map((m) => drawn(m, drawMarker));
+    const listed = (list) => ` (${list.map((m) => m.text).join(", ")})`;
     const sequence = preview ? preview.sequence : detections.sequence;
     let text = sequence === undefined ? "Nothing yet" : `Frame ${sequence}: ${markers.length} markers`;
-    if (markers.length > 0) {
-      text += ` (${markers.map((m, i) => m.id + (residuals[i] === null ? "" : ` ${number(residuals[i], 2)}`)).join(", ")})`;
+    if (squares.length > 0) text += listed(squares);
+    if (natural.length > 0) {
+      text += `; natural markers${listed(natural)}`;
+      if (pictures.some((m) => !m.lately)) text += ", dashed: not found within a second, there by the map";
     }
-    if (known.length > 0) text += "; beside each id its residual in pixels, drawn 20 times longer";
+    if ([...squares, ...natural].some((m) => m.residual !== null)) text += "; beside each id its residual in pixels, drawn 20 times longer";
     if (preview && preview.rejected.length > 0) {
       text += `; ${preview.rejected.length} dark ${preview.rejected.length === 1 ? "square that is no marker" : "squares that are no markers"} (dotted)`;
     }

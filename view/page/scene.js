@@ -13,6 +13,7 @@ const WaymarkScene = (() => {
     {colour: 0xcc79a7, text: "pose from natural features"},
     {colour: 0xd55e00, text: "pose from motion alone"},
   ];
+  const PICTURE = {colour: 0x9467bd, text: "natural marker"};
   const MOST_POINTS = 40000;
 
   const dark = window.matchMedia("(prefers-color-scheme: dark)");
@@ -24,6 +25,7 @@ const WaymarkScene = (() => {
   controls.enableKeys = false;         // ours do more
   const root = new THREE.Group();      // the world
   const markers = new THREE.Group();
+  const pictures = new THREE.Group();  // natural markers
   const ids = new THREE.Group();
   const sigmas = new THREE.Group();
   const camera = new THREE.Group();
@@ -83,20 +85,23 @@ const WaymarkScene = (() => {
 
   function label(text, size) {
     const picture = document.createElement("canvas");
-    picture.width = 128;
+    const font = "bold 46px sans-serif";
+    let pen = picture.getContext("2d");
+    pen.font = font;
+    picture.width = Math.max(128, Math.ceil(pen.measureText(text).width) + 16);
     picture.height = 64;
-    const pen = picture.getContext("2d");
-    pen.font = "bold 46px sans-serif";
+    pen = picture.getContext("2d");
+    pen.font = font;
     pen.textAlign = "center";
     pen.textBaseline = "middle";
     pen.lineWidth = 8;
     pen.strokeStyle = dark.matches ? "#12161c" : "#ffffff";
     pen.fillStyle = dark.matches ? "#ffffff" : "#17202a";
-    pen.strokeText(text, 64, 32);
-    pen.fillText(text, 64, 32);
+    pen.strokeText(text, picture.width / 2, 32);
+    pen.fillText(text, picture.width / 2, 32);
     const sprite = new THREE.Sprite(new THREE.SpriteMaterial(
       {map: new THREE.CanvasTexture(picture), depthTest: false, transparent: true}));
-    sprite.scale.set(1.6 * size, 0.8 * size, 1);
+    sprite.scale.set(0.8 * size * picture.width / picture.height, 0.8 * size, 1);
     return sprite;
   }
 
@@ -114,7 +119,42 @@ const WaymarkScene = (() => {
   }
 
   function isPose(m) {
-    return m.p && m.q && m.p.every(Number.isFinite) && m.q.every(Number.isFinite) && m.size > 0;
+    return m.p && m.q && m.p.every(Number.isFinite) && m.q.every(Number.isFinite);
+  }
+
+  function addSigma(m, colour) {
+    if (!(m.sigma_m > 0)) return;
+    const ball = new THREE.Mesh(new THREE.SphereBufferGeometry(3 * m.sigma_m, 16, 12),
+      new THREE.MeshBasicMaterial({color: colour, transparent: true, opacity: 0.35}));
+    ball.position.set(...m.p);
+    sigmas.add(ball);
+  }
+
+  // The segments of a rectangle around the middle.
+  function rectangle(x, y) {
+    return [-x, y, 0, x, y, 0, x, y, 0, x, -y, 0, x, -y, 0, -x, -y, 0, -x, -y, 0, -x, y, 0];
+  }
+
+  // A frame around nothing: what is printed there nobody says here.
+  function addPicture(m) {
+    const place = new THREE.Group();
+    place.position.set(...m.p);
+    place.quaternion.set(m.q[1], m.q[2], m.q[3], m.q[0]);
+    const [x, y] = [0.5 * m.width, 0.5 * m.height];
+    const least = Math.min(m.width, m.height);
+    const rim = 0.06 * least;
+    place.add(new THREE.Mesh(new THREE.PlaneBufferGeometry(m.width, m.height),
+      new THREE.MeshBasicMaterial({color: PICTURE.colour, side: THREE.DoubleSide,
+                                   transparent: true, opacity: 0.15, depthWrite: false})));
+    place.add(lines([...rectangle(x, y), ...rectangle(x - rim, y - rim),
+                     0, 0, 0, 0, 0, 0.3 * least], PICTURE.colour));
+    pictures.add(place);
+    const size = 0.5 * least;
+    const text = label((m.name || String(m.id)).slice(0, 40), size);
+    text.position.set(...m.p);
+    text.position.add(new THREE.Vector3(0, y + 0.5 * size, 0.02 * size).applyQuaternion(place.quaternion));
+    ids.add(text);
+    addSigma(m, PICTURE.colour);
   }
 
   function addMarker(m, side) {
@@ -130,19 +170,13 @@ const WaymarkScene = (() => {
     place.add(new THREE.Mesh(plane, new THREE.MeshBasicMaterial(
       {color: state.colour, side: THREE.BackSide, transparent: true, opacity: 0.55})));
     const h = 0.62 * m.size;
-    place.add(lines([-h, h, 0, h, h, 0, h, h, 0, h, -h, 0, h, -h, 0, -h, -h, 0, -h, -h, 0, -h, h, 0,
-                     0, 0, 0, 0, 0, 0.5 * m.size], state.colour));
+    place.add(lines([...rectangle(h, h), 0, 0, 0, 0, 0, 0.5 * m.size], state.colour));
     markers.add(place);
     const text = label(String(m.id), m.size);
     text.position.set(...m.p);
     text.position.add(new THREE.Vector3(0, 1.05 * m.size, 0.02 * m.size).applyQuaternion(place.quaternion));
     ids.add(text);
-    if (m.sigma_m > 0) {
-      const ball = new THREE.Mesh(new THREE.SphereBufferGeometry(3 * m.sigma_m, 16, 12),
-        new THREE.MeshBasicMaterial({color: state.colour, transparent: true, opacity: 0.35}));
-      ball.position.set(...m.p);
-      sigmas.add(ball);
-    }
+    addSigma(m, state.colour);
   }
 
   const trail = (() => {
@@ -181,6 +215,7 @@ const WaymarkScene = (() => {
 
   // Whole ways, each a line of its own colour; in the legend in place of the sources'.
   const tracks = new THREE.Group();
+  let ways = SOURCES;          // what the legend says of them
   function setTracks(list) {
     empty(tracks);
     for (const {points, colour} of list) {
@@ -190,15 +225,18 @@ const WaymarkScene = (() => {
       });
       tracks.add(lines(segments, colour));
     }
-    showLegend([...Object.values(STATES), ...list]);
+    ways = list;
+    showLegend();
     framed = false;
     home();
   }
 
-  function showLegend(entries) {
+  // Most maps have no natural markers.
+  function showLegend() {
     const legend = document.getElementById("legend");
     legend.textContent = "";
-    for (const {colour, text} of entries) {
+    const natural = pictures.children.length > 0 ? [PICTURE] : [];
+    for (const {colour, text} of [...Object.values(STATES), ...natural, ...ways]) {
       if (!text) continue;
       const item = document.createElement("li");
       const swatch = document.createElement("i");
@@ -217,7 +255,7 @@ const WaymarkScene = (() => {
   function everything() {
     root.updateMatrixWorld(true);
     const box = new THREE.Box3();
-    if (markers.children.length > 0) box.expandByObject(markers);
+    for (const group of [markers, pictures]) if (group.children.length > 0) box.expandByObject(group);
     if (tracks.children.length > 0) box.expandByObject(tracks);
     if (camera.visible) box.expandByPoint(camera.getWorldPosition(new THREE.Vector3()));
     return box;
@@ -254,8 +292,10 @@ const WaymarkScene = (() => {
   }
 
   function setMap(map) {
-    for (const group of [markers, ids, sigmas]) empty(group);
-    for (const m of map.markers) if (isPose(m)) addMarker(m, map.side);
+    for (const group of [markers, pictures, ids, sigmas]) empty(group);
+    for (const m of map.markers) if (isPose(m) && m.size > 0) addMarker(m, map.side);
+    for (const m of map.natural) if (isPose(m) && m.width > 0 && m.height > 0) addPicture(m);
+    showLegend();
     const box = everything();
     if (!box.isEmpty()) {
       layFloor(box);
@@ -380,12 +420,12 @@ const WaymarkScene = (() => {
     camera.visible = false;
     body.add(wedge());
     body.visible = false;
-    root.add(markers, ids, sigmas, camera, body, tracks, trail.object, new THREE.AxesHelper(0.5));
+    root.add(markers, pictures, ids, sigmas, camera, body, tracks, trail.object, new THREE.AxesHelper(0.5));
     scene.add(root);
     turnUp();
     apply();
     listen();
-    showLegend([...Object.values(STATES), ...SOURCES]);
+    showLegend();
     draw();
   }
 
@@ -394,6 +434,6 @@ const WaymarkScene = (() => {
     clearTrail: () => { trail.clear(); wanted = true; },
     addToTrail: trail.add,
     // For who looks from outside.
-    counts: () => ({markers: markers.children.length, segments: trail.segments(), camera: camera.visible, body: body.visible, tracks: tracks.children.length}),
+    counts: () => ({markers: markers.children.length, pictures: pictures.children.length, segments: trail.segments(), camera: camera.visible, body: body.visible, tracks: tracks.children.length}),
   };
 })();

@@ -3,7 +3,7 @@
 
 (() => {
   const token = new URLSearchParams(location.hash.slice(1)).get("token") || "";
-  const state = {link: {}, pose: {}, detections: {markers: []}, calibration: {}};
+  const state = {link: {}, pose: {}, detections: {markers: [], pictures: []}, calibration: {}};
   let socket = null;
   let connected = false;
   let pause_ms = 500;
@@ -77,8 +77,8 @@
   function drawMap() {
     drawnMap = newestMap;
     // Each piece has a world of its own: the one that the camera is in is shown.
-    const here = drawnMap.markers.filter((m) => m.piece === piece);
-    WaymarkScene.setMap({side: drawnMap.side, markers: here});
+    const here = (list) => list.filter((m) => m.piece === piece);
+    WaymarkScene.setMap({side: drawnMap.side, markers: here(drawnMap.markers), natural: here(drawnMap.natural)});
     WaymarkPanels.showMap(newestMap);
     newestMap = null;
     mapDrawn_ms = performance.now();

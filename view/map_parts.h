@@ -1,0 +1,50 @@
+// A map as it comes over a network: in parts, each with `revision`, `piece` and `piece_count`. It
+// is there when all parts of one revision are.
+#pragma once
+
+#include <cstdint>
+#include <map>
+#include <optional>
+#include <utility>
+
+namespace waymark::view {
+
+template <typename Message>
+class MapParts {
+ public:
+  enum class Added { kImpossible, kNotWholeYet, kKnown, kWhole };
+
+  Added add(const Message& part) {
+    if (part.piece < 0 || part.piece_count < 1 || part.piece_count > kMostParts ||
+        part.piece >= part.piece_count) {
+      return Added::kImpossible;
+    }
+    if (revision() == part.revision) return Added::kKnown;
+    if (!coming_.empty() && (coming_.begin()->second.revision != part.revision ||
+                             coming_.begin()->second.piece_count != part.piece_count)) {
+      coming_.clear();
+    }
+    coming_[part.piece] = part;
+    if (std::cmp_less(coming_.size(), part.piece_count)) return Added::kNotWholeYet;
+    whole_ = std::exchange(coming_, {});
+    return Added::kWhole;
+  }
+  void clear() {
+    coming_.clear();
+    whole_.clear();
+  }
+  // The newest one of which every part came, by the parts' numbers; empty before the first.
+  [[nodiscard]] const std::map<std::int32_t, Message>& whole() const { return whole_; }
+  // Of that.
+  [[nodiscard]] std::optional<std::int64_t> revision() const {
+    return whole_.empty() ? std::nullopt : std::optional(whole_.begin()->second.revision);
+  }
+
+ private:
+  static constexpr std::int32_t kMostParts = 200;  // anybody can send
+
+  std::map<std::int32_t, Message> coming_;
+  std::map<std::int32_t, Message> whole_;
+};
+
+}  // namespace waymark::view
