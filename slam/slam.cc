@@ -122,10 +122,12 @@ void Slam::densify(std::span<const RecordedFrame> frames) { impl_->pieces().dens
 bool Slam::joinPieces() { return impl_->pieces().joinAll(); }
 
 void Slam::finish() {
+  impl_->pieces().finishJoint();
   impl_->pieces().forEach([](Piece& piece) { piece.batch().recoverCovariance(); });
 }
 
 void Slam::optimizeGlobally() {
+  impl_->pieces().finishJoint();
   impl_->pieces().forEach([](Piece& piece) { piece.batch().optimize(); });
 }
 
