@@ -3,6 +3,7 @@
 #include "slam/camera/lens_model.h"
 #include "slam/covariance/marginals.h"
 #include "slam/covariance/pose_by_camera.h"
+#include "slam/geometry/turned_covariance.h"
 #include "slam/optimization/map_optimizer.h"
 #include "slam/pose_by_picture.h"
 

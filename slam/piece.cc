@@ -78,11 +78,11 @@ class Piece::Impl {
       result.map_changed = true;
     }
     const std::uint64_t epoch = map_.epoch();
-    if (updater_.hasFinishedWork()) {
+    if (!held_ && updater_.hasFinishedWork()) {
       const StageScope scope(observer, Stage::kMap);
       if (collectWork(&result).lens_changed) detections = undistorted(detections);
     }
-    if (lens_watch_.collect(rolling_shutter_)) {
+    if (!held_ && lens_watch_.collect(rolling_shutter_)) {
       if (options_.mapping) undistortAgain();
       noteLens();
       detections = undistorted(detections);
@@ -103,12 +103,12 @@ class Piece::Impl {
       if (options_.mapping) {
         const StageScope scope(observer, Stage::kMap);
         if (tracked) arrive(*tracked, &result);
-        if (tracked) grow(*tracked, &result);
+        if (tracked && !held_) grow(*tracked, &result);
         // Also after a new keyframe: in fast motion every frame is one. Moving all of a large map
         // was this frame's work.
-        if (map_.epoch() == epoch) updater_.work(work, map_);
+        if (!held_ && map_.epoch() == epoch) updater_.work(work, map_);
       }
-      followMap(map_.epoch() == epoch, observer, &result);
+      followMap(!held_ && map_.epoch() == epoch, observer, &result);
       if (tracked && turn == Turn::kOwn) watchLens(*tracked, observer);
     }
     if (result.pose) result.pose->piece = map_.piece;
@@ -142,19 +142,17 @@ class Piece::Impl {
             options_.pieces};
   }
 
-  void absorb(const Map& other, const PieceJoint& joint) {
-    for (const auto& [id, theirs] : other.markers()) takeIn(theirs, joint);
-    KeyframeId newest = -1;
-    for (const auto& [id, theirs] : other.keyframes()) {
-      Keyframe keyframe = theirs;
-      keyframe.id = -1;
-      keyframe.T_w_c = joint.T_a_b * theirs.T_w_c;
-      newest = map_.addKeyframe(std::move(keyframe));
-    }
-    updater_.noteJoint(newest);
+  void hold(bool held) { held_ = held; }
+
+  [[nodiscard]] Map adopt(JoinedMap joined) {
+    Map was = std::exchange(map_, std::move(joined.map));
+    updater_.noteJoint(joined.newest);
     covariance_.noteChange();
     local_.reset();
+    return was;
   }
+  [[nodiscard]] Map takeMap() { return std::exchange(map_, {}); }
+  bool letGo(int count) { return covariance_.letGo(count); }
 
   void comeIn(const PoseEstimate& pose, std::int64_t time_ns) {
     tracker_.commit(pose, time_ns);
@@ -420,27 +418,6 @@ class Piece::Impl {
     local_.update(map_, growth.fitting, T_w_c, depth_m, options_.mapper.keyframes);
   }
 
-  // A marker of another piece. What both know it is known as already.
-  void takeIn(const MapMarker& theirs, const PieceJoint& joint) {
-    const MapMarker* const known = map_.find(theirs.id);
-    if (known != nullptr && (known->T_w_m || known->state == MarkerState::kBanned)) return;
-    if (known != nullptr && !theirs.T_w_m && theirs.state != MarkerState::kBanned) return;
-    const Transform& T = joint.T_a_b;
-    MapMarker marker = theirs;
-    if (theirs.T_w_m) marker.T_w_m = T * *theirs.T_w_m;
-    if (theirs.other_T_w_m) marker.other_T_w_m = T * *theirs.other_T_w_m;
-    marker.covariance = turnedCovariance(T.R, theirs.covariance);
-    if (theirs.T_w_m) {
-      // What is not known of the joint moves and turns all of the piece.
-      const Matrix6d J = rigidTransport(marker.T_w_m->p - T.p);
-      marker.world_covariance =
-          turnedCovariance(T.R, theirs.world_covariance) + J * joint.covariance * J.transpose();
-    }
-    for (Transform& former : marker.former_poses) former = T * former;
-    (void)map_.putMarker(marker);
-    if (marker.state == MarkerState::kBanned) map_.removeViews(theirs.id, map_.viewsOf(theirs.id));
-  }
-
   const Options& options_;
   const CameraModel& camera_;
   Counters& counters_;
@@ -463,6 +440,7 @@ class Piece::Impl {
   std::vector<MarkerDetection> undistorted_;  // of a frame in which the lens has changed
   std::vector<MarkerDetection> deskewed_;     // of a frame without a pose from markers
   std::int64_t last_link_ns_ = 0;
+  bool held_ = false;
 };
 
 Piece::Piece(const PieceParts& parts, Map map)
@@ -486,7 +464,10 @@ void Piece::setElsewhere(int marker_id, bool elsewhere) {
 }
 void Piece::ban(int marker_id) { impl_->ban(marker_id); }
 JointParts Piece::jointParts() const { return impl_->jointParts(); }
-void Piece::absorb(const Map& other, const PieceJoint& joint) { impl_->absorb(other, joint); }
+void Piece::hold(bool held) { impl_->hold(held); }
+Map Piece::adopt(JoinedMap joined) { return impl_->adopt(std::move(joined)); }
+Map Piece::takeMap() { return impl_->takeMap(); }
+bool Piece::letGo(int count) { return impl_->letGo(count); }
 void Piece::comeIn(const PoseEstimate& pose, std::int64_t time_ns) { impl_->comeIn(pose, time_ns); }
 void Piece::undistortAgain() { impl_->undistortAgain(); }
 bool Piece::estimateLens() { return impl_->estimateLens(); }

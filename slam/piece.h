@@ -13,6 +13,7 @@
 #include "slam/geometry/camera_model.h"
 #include "slam/map/map.h"
 #include "slam/options.h"
+#include "slam/pieces/joined_map.h"
 #include "slam/pieces/piece_joint.h"
 #include "slam/pose_estimate.h"
 #include "slam/stages.h"
@@ -64,8 +65,17 @@ class Piece {
   void ban(int marker_id);
   // What connects it with another piece: see slam/pieces/piece_joint.h.
   [[nodiscard]] JointParts jointParts() const;
-  // Takes in another piece. It is of this one's world from now on; optimizations follow, in slices.
-  void absorb(const Map& other, const PieceJoint& joint);
+  // While it is joined with another piece, which takes some frames, the map does not grow, and what
+  // is under way waits. Poses go on.
+  void hold(bool held);
+  // It has taken in another piece: that is its map from now on; optimizations follow, in slices.
+  // The map as it was.
+  [[nodiscard]] Map adopt(JoinedMap joined);
+  // Another piece has taken it in: its map, which it is without from now on.
+  [[nodiscard]] Map takeMap();
+  // Of one that nobody needs any more, as letting go of a large one takes milliseconds: so much of
+  // it goes. True when little is left.
+  bool letGo(int count);
   // The camera is here, though another piece has told so.
   void comeIn(const PoseEstimate& pose, std::int64_t time_ns);
 

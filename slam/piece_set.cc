@@ -97,7 +97,9 @@ FrameResult PieceSet::process(const FrameInput& frame, std::span<const MarkerDet
   if (options_.mapping && (hasSeveral() || !trials_.empty())) {
     if (result.map_changed || result.keyframe_added) noteConnected(detections, result);
     watchTrials(frame, detections, observer, &result);
+    const StageScope scope(observer, Stage::kMap);
     lookForJoint(frame, &result);
+    letGoOfSome();
   }
   if (result.pose) last_pose_ns_ = frame.time.monotonic_ns;
   result.piece_events = events_;
@@ -107,7 +109,7 @@ FrameResult PieceSet::process(const FrameInput& frame, std::span<const MarkerDet
 // What the piece that the camera is in may spend; the rest is for the search.
 double PieceSet::allowance() const {
   constexpr double kShareOfSearch = 0.5;
-  const bool searching = search_ || !wanted_.empty();
+  const bool searching = search_ || joining_ || !wanted_.empty();
   return (searching ? 1.0 - kShareOfSearch : 1.0) * work_;
 }
 
@@ -320,6 +322,7 @@ std::vector<int> PieceSet::claim(int piece) {
 
 void PieceSet::densify(std::span<const RecordedFrame> frames) {
   if (!options_.mapping) return;
+  finishJoint();
   std::vector<RecordedFrame> now(frames.begin(), frames.end());
   for (RecordedFrame& frame : now) {
     PoseEstimate guess;
@@ -360,11 +363,13 @@ void PieceSet::spreadLens(int from) {
     });
   }
   search_.reset();
+  abandonJoint();
   next_.reset();
 }
 
 // The piece with the most to say of the lens is asked, and the others see through what it found.
 void PieceSet::optimizeWithIntrinsics() {
+  finishJoint();
   Piece& asked = largest();
   asked.batch().optimizeWithIntrinsics();
   spreadLens(asked.map().piece);
@@ -374,6 +379,7 @@ void PieceSet::optimizeWithIntrinsics() {
 }
 
 void PieceSet::estimateLens() {
+  finishJoint();
   Piece& asked = largest();
   if (asked.estimateLens()) spreadLens(asked.map().piece);
 }

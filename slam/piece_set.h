@@ -14,6 +14,7 @@
 #include <utility>
 #include <vector>
 
+#include "base/task.h"
 #include "slam/camera/lens_knowledge.h"
 #include "slam/counters.h"
 #include "slam/frame.h"
@@ -21,6 +22,7 @@
 #include "slam/mapping/recorded_frames.h"
 #include "slam/options.h"
 #include "slam/piece.h"
+#include "slam/pieces/joined_map.h"
 #include "slam/pieces/joint_search.h"
 #include "slam/pieces/joint_trial.h"
 #include "slam/pieces/piece_joint.h"
@@ -49,6 +51,8 @@ class PieceSet {
   [[nodiscard]] PoseEstimate asOfNow(PoseEstimate pose) const;
 
   // For the time when no frame waits.
+  // Pieces that are being joined are one.
+  void finishJoint();
   void densify(std::span<const RecordedFrame> frames);
   bool joinAll();
   void optimizeWithIntrinsics();
@@ -100,17 +104,23 @@ class PieceSet {
   void lookForJoint(const FrameInput& frame, FrameResult* result);
   [[nodiscard]] std::optional<PieceJoint> decide(int into, int from,
                                                  const std::vector<JointView>& views) const;
-  void join(int into, int from, const PieceJoint& joint);
-  void joinLive(const Pair& pair, const PieceJoint& joint, const FrameInput& frame,
-                FrameResult* result);
+  void beginJoint(const Pair& pair, const PieceJoint& joint);
+  bool goOnJoining(double cost);
+  void joinInSlices(const FrameInput& frame, FrameResult* result);
+  void abandonJoint();
+  void join(int into, int from, const PieceJoint& joint, JoinedMap joined);
   [[nodiscard]] bool isAnchored(int piece) const;
   [[nodiscard]] bool inOneSurvey(int a, int b) const;
   [[nodiscard]] PieceJoint inSurvey(int a, int b) const;
-  void putOnTrial(const Map& into, const Map& from, const PieceJoint& joint);
+  void putOnTrial(Map into, Map from, const PieceJoint& joint);
   void follow(int from, const FrameInput& frame, FrameResult* result);
   void watchTrials(const FrameInput& frame, std::span<const MarkerDetection> detections,
                    StageObserver* observer, FrameResult* result);
   void part(std::size_t trial);
+  void replace(int id, Map map);
+  void endTrial(std::size_t trial);
+  void retire(std::unique_ptr<Piece> piece);
+  void letGoOfSome();
   void findCamera(const FrameInput& frame, std::span<const MarkerDetection> detections,
                   StageObserver* observer, FrameResult* result);
   [[nodiscard]] bool givesWay(int piece, int to) const;
@@ -118,6 +128,16 @@ class PieceSet {
   struct Search {
     Pair pair;
     JointSearch frames;
+  };
+  // Two pieces that are becoming one.
+  struct Joining {
+    Joining(const Pair& which, const PieceJoint& how) : pair(which), joint(how) {}
+
+    Pair pair;
+    PieceJoint joint;
+    std::uint64_t changes = 0;  // of both maps, when the task was begun
+    int begun = 0;              // times
+    std::optional<SlicedTask<JoinedMap>> task;
   };
   // Frames in which a print looked like another one than the map knows.
   struct Suspicion {
@@ -143,8 +163,11 @@ class PieceSet {
   std::set<int> anchored_;                // those that were found to be, with several
   std::set<std::pair<int, int>> wanted_;  // pieces that may be connected by now
   std::optional<Search> search_;
+  std::unique_ptr<Joining> joining_;
   std::vector<JointTrial> trials_;                   // in the order of the joints
   std::map<Pair, std::vector<JointView>> refuting_;  // of joints undone, what refuted them
+  std::vector<Map> gone_maps_;                       // to let go of, in slices
+  std::vector<std::unique_ptr<Piece>> gone_pieces_;  // likewise
   std::map<int, Suspicion> suspicions_;              // by marker
   std::vector<MarkerDetection> believed_;            // of the last frame
   std::vector<PieceEvent> events_;                   // likewise

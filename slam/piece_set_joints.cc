@@ -27,6 +27,7 @@ void PieceSet::want(int a, int b) {
 
 // As far as the frame's allowance goes.
 void PieceSet::lookForJoint(const FrameInput& frame, FrameResult* result) {
+  if (joining_) return joinInSlices(frame, result);
   if (!search_ && !wanted_.empty()) {
     const auto [a, b] = *wanted_.begin();
     wanted_.erase(wanted_.begin());
@@ -35,7 +36,8 @@ void PieceSet::lookForJoint(const FrameInput& frame, FrameResult* result) {
     if (inOneSurvey(a, b)) {
       // Not while what moves the one into it is being told.
       if (result->map_changed) return want(a, b);
-      return joinLive(pair, inSurvey(a, b), frame, result);
+      beginJoint(pair, inSurvey(a, b));
+      return joinInSlices(frame, result);
     }
     search_.emplace(Search{pair, JointSearch(pieces_.at(pair.first)->map(),
                                              pieces_.at(pair.second)->map(), options_.pieces)});
@@ -49,14 +51,61 @@ void PieceSet::lookForJoint(const FrameInput& frame, FrameResult* result) {
   }
   const std::vector<JointView> views = search_->frames.views();
   search_.reset();
-  if (const auto joint = decide(into, from, views)) joinLive({into, from}, *joint, frame, result);
+  const auto joint = decide(into, from, views);
+  if (!joint) return;
+  beginJoint({into, from}, *joint);
+  joinInSlices(frame, result);
 }
 
-void PieceSet::joinLive(const Pair& pair, const PieceJoint& joint, const FrameInput& frame,
-                        FrameResult* result) {
-  join(pair.first, pair.second, joint);
+// The map that both become is made beside them, so that neither changes until it is done; and poses
+// go on meanwhile.
+void PieceSet::beginJoint(const Pair& pair, const PieceJoint& joint) {
+  joining_ = std::make_unique<Joining>(pair, joint);
+  for (const int id : {pair.first, pair.second}) pieces_.at(id)->hold(true);
+}
+
+// True when the map of both is made. What has changed in one of them all the same (a marker is
+// banned, another lens is learned) makes it begin anew.
+bool PieceSet::goOnJoining(double cost) {
+  constexpr int kMostBeginnings = 4;  // then all of it is done at once
+  Joining& joining = *joining_;
+  const Map& into = pieces_.at(joining.pair.first)->map();
+  const Map& from = pieces_.at(joining.pair.second)->map();
+  const std::uint64_t changes = into.changes() + from.changes();
+  if (!joining.task || joining.changes != changes) {
+    joining.changes = changes;
+    ++joining.begun;
+    joining.task.emplace(
+        [&](Budget* budget) { return joinMaps(into, from, joining.joint, budget); });
+  }
+  return joining.task->advance(joining.begun < kMostBeginnings ? cost : kUnlimited);
+}
+
+void PieceSet::joinInSlices(const FrameInput& frame, FrameResult* result) {
+  if (!goOnJoining(std::max(work_, options_.pieces.join_cost_per_frame))) return;
+  const int from = joining_->pair.second;
+  const auto done = std::move(joining_);
+  join(done->pair.first, from, done->joint, done->task->take());
   result->map_changed = true;
-  if (active_ == pair.second) follow(pair.second, frame, result);
+  if (active_ == from) follow(from, frame, result);
+}
+
+void PieceSet::finishJoint() {
+  if (!joining_) return;
+  (void)goOnJoining(kUnlimited);
+  const auto [into, from] = joining_->pair;
+  const auto done = std::move(joining_);
+  join(into, from, done->joint, done->task->take());
+  if (active_ == from) active_ = into;
+}
+
+// To be found out anew.
+void PieceSet::abandonJoint() {
+  if (!joining_) return;
+  const auto [into, from] = joining_->pair;
+  joining_.reset();
+  for (const int id : {into, from}) pieces_.at(id)->hold(false);
+  want(into, from);
 }
 
 bool PieceSet::isAnchored(int piece) const {
@@ -108,24 +157,48 @@ std::optional<PieceJoint> PieceSet::decide(int into, int from,
 }
 
 // A survey is not on trial; and what was joined with it cannot be taken out any more.
-void PieceSet::putOnTrial(const Map& into, const Map& from, const PieceJoint& joint) {
-  if (joint.views == 0) {
-    std::erase_if(trials_, [&](const JointTrial& trial) {
-      return trial.into() == into.piece || trial.into() == from.piece;
-    });
+void PieceSet::putOnTrial(Map into, Map from, const PieceJoint& joint) {
+  if (joint.views > 0) {
+    trials_.emplace_back(std::move(into), std::move(from), joint);
+    if (std::cmp_greater(trials_.size(), options_.pieces.trial.joints)) endTrial(0);
     return;
   }
-  trials_.emplace_back(into, from, joint);
-  if (std::cmp_greater(trials_.size(), options_.pieces.trial.joints)) {
-    trials_.erase(trials_.begin());
+  for (std::size_t k = trials_.size(); k-- > 0;) {
+    if (trials_[k].into() == into.piece || trials_[k].into() == from.piece) endTrial(k);
+  }
+  gone_maps_.push_back(std::move(into));
+  gone_maps_.push_back(std::move(from));
+}
+
+void PieceSet::endTrial(std::size_t trial) {
+  const auto ended = trials_.begin() + static_cast<std::ptrdiff_t>(trial);
+  gone_maps_.push_back(ended->takeInto());
+  gone_maps_.push_back(ended->takeFrom());
+  trials_.erase(ended);
+}
+
+void PieceSet::retire(std::unique_ptr<Piece> piece) {
+  gone_maps_.push_back(piece->takeMap());
+  gone_pieces_.push_back(std::move(piece));
+}
+
+// No more in a frame than it does not notice.
+void PieceSet::letGoOfSome() {
+  constexpr int kKeyframes = 200;
+  if (!gone_pieces_.empty()) {
+    if (gone_pieces_.back()->letGo(kKeyframes)) gone_pieces_.pop_back();
+  } else if (!gone_maps_.empty()) {
+    if (gone_maps_.back().letGo(kKeyframes)) gone_maps_.pop_back();
   }
 }
 
-void PieceSet::join(int into, int from, const PieceJoint& joint) {
+// joined: what their maps become.
+void PieceSet::join(int into, int from, const PieceJoint& joint, JoinedMap joined) {
   Piece& stays = *pieces_.at(into);
-  const Piece& goes = *pieces_.at(from);
-  putOnTrial(stays.map(), goes.map(), joint);
-  stays.absorb(goes.map(), joint);
+  std::unique_ptr<Piece> goes = std::move(pieces_.extract(from).mapped());
+  stays.hold(false);
+  putOnTrial(stays.adopt(std::move(joined)), goes->takeMap(), joint);
+  retire(std::move(goes));
   joined_[from] = {into, joint.T_a_b};
   for (auto& [marker, owner] : owner_) {
     if (owner == from) owner = into;
@@ -135,7 +208,6 @@ void PieceSet::join(int into, int from, const PieceJoint& joint) {
   wanted.swap(wanted_);
   for (const auto& [a, b] : wanted) want(now(a), now(b));
   if (search_ && (search_->pair.first == from || search_->pair.second == from)) search_.reset();
-  pieces_.erase(from);
   anchored_.erase(from);
   ++counters_->pieces_joined;
   events_.push_back({PieceEvent::Kind::kJoined, from, into, joint.T_a_b, joint.covariance});
@@ -148,7 +220,7 @@ void PieceSet::watchTrials(const FrameInput& frame, std::span<const MarkerDetect
         trials_[k].watch(detections, frame.time.monotonic_ns, active().jointParts());
     if (verdict == JointTrial::Verdict::kOpen) continue;
     if (verdict == JointTrial::Verdict::kBelieved) {
-      trials_.erase(trials_.begin() + static_cast<std::ptrdiff_t>(k--));
+      endTrial(k--);
       continue;
     }
     part(k);
@@ -157,8 +229,17 @@ void PieceSet::watchTrials(const FrameInput& frame, std::span<const MarkerDetect
   }
 }
 
+// In place of the piece of that id, if there is one.
+void PieceSet::replace(int id, Map map) {
+  auto restored = makePiece(std::move(map));
+  std::unique_ptr<Piece>& piece = pieces_[id];
+  if (piece) retire(std::move(piece));
+  piece = std::move(restored);
+}
+
 // Both pieces are again what they were, and so are those that either was joined with since.
 void PieceSet::part(std::size_t trial) {
+  abandonJoint();
   refuting_[{trials_[trial].into(), trials_[trial].from()}] = trials_[trial].against();
   const std::optional<int> only = trials_[trial].onlyMarker();
   std::set<int> concerned;
@@ -179,9 +260,8 @@ void PieceSet::part(std::size_t trial) {
         {PieceEvent::Kind::kParted, from, into, joint.joint().T_a_b, joint.joint().covariance});
     joined_.erase(from);
     std::erase_if(owner_, [&](const auto& entry) { return entry.second == into; });
-    auto restored = makePiece(joint.takeInto());
-    pieces_[into] = std::move(restored);
-    pieces_[from] = makePiece(joint.takeFrom());
+    replace(into, joint.takeInto());
+    replace(from, joint.takeFrom());
     (void)claim(into);
     (void)claim(from);
     ++counters_->pieces_parted;
@@ -216,6 +296,7 @@ void PieceSet::findCamera(const FrameInput& frame, std::span<const MarkerDetecti
 
 bool PieceSet::joinAll() {
   if (!options_.mapping) return false;
+  finishJoint();
   forEach([](Piece& piece) { (void)piece.batch(); });  // what is under way is done
   trials_.clear();                                     // no frame comes that could refute any
   bool any = false;
@@ -232,7 +313,9 @@ bool PieceSet::joinAll() {
         const auto joint = inOneSurvey(into, from) ? std::optional(inSurvey(into, from))
                                                    : decide(into, from, search.views());
         if (!joint) continue;
-        join(into, from, *joint);
+        join(into, from, *joint, runToCompletion([&](Budget* budget) {
+               return joinMaps(stays.map(), theirs, *joint, budget);
+             }));
         if (active_ == from) active_ = into;
         any = again = true;
       }

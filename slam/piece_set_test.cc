@@ -157,6 +157,81 @@ TEST_F(PieceSetTest, FramesWithMarkersOfBothJoinTwoPieces) {
   }
 }
 
+// Two pieces, and frames with markers of both, each of which has time for a little of a joint.
+class PiecesInSlicesTest : public PieceSetTest {
+ protected:
+  PiecesInSlicesTest() {
+    period_ns_ = 33'000'000;
+    options_.work_per_frame = 2.0;
+    options_.pieces.join_cost_per_frame = 2.0;
+    (void)walk(15, 0, 3);
+    (void)walk(15, 3, 6);
+  }
+  // Every frame has a pose, and no marker two places. How many frames the joint takes.
+  int joinBy(int first) {
+    const int most = 120;
+    for (int i = 0; i < most; ++i) {
+      EXPECT_EQ(walk(1, first, 6), 1) << i;
+      std::map<int, int> places;
+      for (const Map* map : slam().pieces()) {
+        for (const auto& [id, marker] : map->markers()) places[id] += marker.T_w_m ? 1 : 0;
+      }
+      for (const auto& [id, count] : places) EXPECT_LE(count, 1) << "marker " << id;
+      const bool joined = slam().counters().pieces_joined > 0;
+      EXPECT_EQ(last_.pose->piece, joined ? 0 : 1) << i;
+      if (joined) return i + 1;
+    }
+    return most;
+  }
+};
+
+TEST_F(PiecesInSlicesTest, AJointIsSpreadOverFramesThatAllHaveAPose) {
+  ASSERT_EQ(slam().pieces().size(), 2U);
+  const int frames = joinBy(0);
+  EXPECT_GT(frames, 10);
+  EXPECT_LT(frames, 100);
+  const PoseEstimate joined = *last_.pose;
+  ASSERT_EQ(slam().pieces().size(), 1U);
+  EXPECT_EQ(last_.piece_events.size(), 1U) << "in the frame in which they are one";
+  // The map goes on growing, in one world.
+  const std::size_t keyframes = slam().map().keyframes().size();
+  EXPECT_EQ(walk(40, 0, 6), 40);
+  EXPECT_GT(slam().map().keyframes().size(), keyframes);
+  EXPECT_EQ(joined.piece, 0);
+  slam().optimizeGlobally();
+  EXPECT_EQ(posedIn(slam().map()), markers_.size());
+  EXPECT_LT(worstDistanceError(slam().map()), 0.01);
+}
+
+// Markers of the other piece come into view meanwhile: what was made of the two is begun anew.
+TEST_F(PiecesInSlicesTest, WhatChangesMeanwhileIsInTheJoint) {
+  for (int first = 2; first > 0; --first) {
+    (void)walk(4, first, 6);
+    ASSERT_EQ(slam().pieces().size(), 2U);
+  }
+  EXPECT_LT(joinBy(0), 100);
+  slam().optimizeGlobally();
+  EXPECT_EQ(posedIn(slam().map()), markers_.size());
+  EXPECT_LT(worstDistanceError(slam().map()), 0.01);
+}
+
+TEST_F(PiecesInSlicesTest, AtTheEndAJointUnderWayIsDone) {
+  int frames = 0;
+  const auto isHeld = [&] {
+    const auto keyframes = slam().pieces().back()->keyframes().size();
+    (void)walk(3, 0, 6);
+    frames += 3;
+    return slam().pieces().back()->keyframes().size() == keyframes;
+  };
+  while (frames < 60 && !isHeld()) {
+  }
+  ASSERT_EQ(slam().pieces().size(), 2U) << "under way";
+  slam().finish();
+  EXPECT_EQ(slam().pieces().size(), 1U);
+  EXPECT_EQ(slam().counters().pieces_joined, 1U);
+  EXPECT_EQ(walk(5, 0, 6), 5);
+}
+
 TEST_F(PieceSetTest, PiecesAreJoinedByMarkersThatOneFrameHasShownBefore) {
   (void)walk(10, 0, 3);
   (void)walk(6, 0, 4);  // the fourth column is known to the first piece

@@ -129,10 +129,12 @@ bool Slam::joinPieces() { return impl_->pieces().joinAll(); }
 void Slam::beginAnew() { impl_->beginAnew(); }
 
 void Slam::finish() {
+  impl_->pieces().finishJoint();
   impl_->pieces().forEach([](Piece& piece) { piece.batch().recoverCovariance(); });
 }
 
 void Slam::optimizeGlobally() {
+  impl_->pieces().finishJoint();
   impl_->pieces().forEach([](Piece& piece) { piece.batch().optimize(); });
 }
 

@@ -129,6 +129,13 @@ measure_building() {
     '{run: $run.name, made: $made, seeds: [inputs]}' "$work"/building-*.json | write_json "$2"
 }
 
+# measure_joins RUN FILE: what frames take in which two pieces of the map become one.
+measure_joins() {
+  run_bench piece_join "$1" --json "$work/joins.json"
+  jq -n --argjson run "$1" --argjson made "$(provenance)" --slurpfile sizes "$work/joins.json" \
+    '{run: $run.name, made: $made, sizes: $sizes[0]}' | write_json "$2"
+}
+
 # measure_gaps RUN FILE: poses between markers; a row may have a figure of its first run.
 measure_gaps() {
   local figure keep=()

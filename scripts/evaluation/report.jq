@@ -204,6 +204,16 @@ def building_table:
            "\(1 + .begun) / \(.final.pieces | length)", .markers, (.final.ate_m.mean | mm), (.final.ace_m.mean | mm),
            "\(.final.limit.ate_m.mean | mm) / \(.final.limit.ace_m.mean | mm)", $commit] end]);
 
+def join_table:
+  table(["halls", "markers of each", "keyframes: stays / comes in", "frames with a pose while joining", "before: mean / p99 / longest frame, ms",
+         "joining, ms", "after, ms", "version"];
+    [$plan.joins[] as $plan | first($joins[] | select(.run == $plan.name)) // null
+      | if . == null then [$plan.what, "not measured"] + [range(6) | ""] else
+        .made.commit as $commit | .sizes[]
+        | [.phases[] | "\(.mean_ms | digits) / \(.p99_ms | digits) / \(.max_ms | digits)"] as $times
+        | [$plan.what, .markers_each, (.keyframes | join(" / ")), "\(.phases[1].with_pose) of \(.phases[1].frames)"]
+          + $times + [$commit] end]);
+
 def recording_missed($t):
   [ (select($t.markers and .stats.markers < $t.markers) | "markers"),
     (select($t.rms_px and .map_rms_px == null) | "RMS not measured"),
@@ -269,6 +279,9 @@ $text.constraints, "", constraint_table,
 "## A building in pieces",
 "",
 $text.buildings, "", building_table,
+"### Two pieces become one",
+"",
+$text.joins, "", join_table,
 "## Between markers",
 "",
 $text.gaps, "", gap_table,

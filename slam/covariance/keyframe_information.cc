@@ -292,4 +292,9 @@ void KeptInformation::forgetBetween(KeyframeId from, KeyframeId before) {
   }
 }
 
+bool KeptInformation::letGo(int count) {
+  for (; count > 0 && !keyframes_.empty(); --count) forget(keyframes_.begin()->first);
+  return keyframes_.empty();
+}
+
 }  // namespace waymark::slam

@@ -115,6 +115,8 @@ class KeptInformation {
   void forget(KeyframeId id);
   // Those from the first one to before the other are no more.
   void forgetBetween(KeyframeId from, KeyframeId before);
+  // So many of those that are kept go. True when none is left.
+  bool letGo(int count);
   [[nodiscard]] std::size_t bytes() const { return bytes_; }
   [[nodiscard]] std::size_t size() const { return keyframes_.size(); }
   // How often something was kept.

@@ -4,6 +4,7 @@
 
 #include "slam/covariance/marginal_recovery.h"
 #include "slam/covariance/pose_by_camera.h"
+#include "slam/geometry/turned_covariance.h"
 #include "slam/option_checks.h"
 
 namespace waymark::slam {

@@ -53,6 +53,13 @@ class MapCovariance {
   // All of it at once.
   void recover(double residual_sigma, Map* map);
 
+  // Of a map that nobody needs any more: what is under way goes, and of what is kept so much. True
+  // when nothing is left.
+  bool letGo(int count) {
+    recovery_.reset();
+    return kept_.letGo(count);
+  }
+
   // A marker has come to the map with a pose of this covariance in the world: known until the next
   // recovery from that alone.
   void introduce(int marker, const Transform& T_w_c, const Matrix6d& pose_covariance, Map* map);

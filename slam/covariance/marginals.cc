@@ -4,12 +4,6 @@
 
 namespace waymark::slam {
 
-Matrix6d rigidTransport(const Eigen::Vector3d& to_from_m) {
-  Matrix6d T = Matrix6d::Identity();
-  T.topRightCorner<3, 3>() = -skew(to_from_m);
-  return T;
-}
-
 const Matrix6d* MapMarginals::find(int marker) const {
   const auto found = own_.find(marker);
   return found == own_.end() ? nullptr : &found->second;

@@ -14,10 +14,6 @@
 
 namespace waymark::slam {
 
-// Of a rigid body that moves: what (dp, dtheta) at one of its points is at another one, both in the
-// world frame. to_from_m: from the first point to the second.
-[[nodiscard]] Matrix6d rigidTransport(const Eigen::Vector3d& to_from_m);
-
 class MapMarginals {
  public:
   // Of (dp, dtheta) of T_w_m: metres and radians, in the world frame. Null for markers whose place

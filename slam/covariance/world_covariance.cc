@@ -10,6 +10,7 @@
 #include "slam/covariance/excess_covariance.h"
 #include "slam/covariance/marker_information.h"
 #include "slam/geometry/minimize_pose.h"
+#include "slam/geometry/turned_covariance.h"
 #include "slam/optimization/block_kernels.h"
 
 namespace waymark::slam {

@@ -1,4 +1,4 @@
-// Covariances of poses in other axes, and of their inverses.
+// Covariances of poses in other axes, at other points, and of their inverses.
 #pragma once
 
 #include "slam/geometry/transform.h"
@@ -12,6 +12,14 @@ namespace waymark::slam {
   Matrix6d turn = Matrix6d::Zero();
   turn.topLeftCorner<3, 3>() = turn.bottomRightCorner<3, 3>() = R_a_b;
   return turn * covariance * turn.transpose();
+}
+
+// Of a rigid body that moves: what (dp, dtheta) at one of its points is at another one, both in the
+// world frame. to_from_m: from the first point to the second.
+[[nodiscard]] inline Matrix6d rigidTransport(const Eigen::Vector3d& to_from_m) {
+  Matrix6d T = Matrix6d::Identity();
+  T.topRightCorner<3, 3>() = -skew(to_from_m);
+  return T;
 }
 
 // Of errors that have nothing in common: standard deviations of each coordinate, metres and

@@ -88,6 +88,7 @@ std::vector<int> Map::markersSeenFrom(std::span<const KeyframeId> keyframes) con
 const MapMarker& Map::addMarker(int marker_id, double size_m) {
   MapMarker& marker = markers_[marker_id];
   if (marker.id < 0) {
+    ++changes_;
     marker.id = marker_id;
     marker.size_m = size_m;
   }
@@ -96,6 +97,7 @@ const MapMarker& Map::addMarker(int marker_id, double size_m) {
 
 const MapMarker& Map::addPicture(const PicturePrint& print) {
   const int id = pictureId(print.name);
+  ++changes_;
   (void)addMarker(id, print.width_m);
   MapMarker& marker = markers_.at(id);
   marker.size_m = print.width_m;
@@ -106,12 +108,14 @@ const MapMarker& Map::addPicture(const PicturePrint& print) {
 
 bool Map::putMarker(const MapMarker& marker) {
   if (!marker.isSound()) return false;
+  ++changes_;
   markers_[marker.id] = marker;
   return true;
 }
 
 void Map::place(int marker_id, const Transform& T_w_m, const std::optional<Transform>& other,
                 const Matrix6d& covariance) {
+  ++changes_;
   MapMarker& marker = markers_.at(marker_id);
   marker.state = MarkerState::kMapped;
   marker.T_w_m = T_w_m;
@@ -120,6 +124,7 @@ void Map::place(int marker_id, const Transform& T_w_m, const std::optional<Trans
 }
 
 void Map::quarantine(int marker_id) {
+  ++changes_;
   MapMarker& marker = markers_.at(marker_id);
   if (marker.T_w_m) marker.former_poses.push_back(*marker.T_w_m);
   withoutPose(MarkerState::kQuarantined, &marker);
@@ -127,6 +132,7 @@ void Map::quarantine(int marker_id) {
 }
 
 void Map::forgetMoves() {
+  ++changes_;
   for (auto& [id, marker] : markers_) {
     const bool banned_for_moves =
         marker.state == MarkerState::kBanned && !marker.former_poses.empty();
@@ -138,16 +144,19 @@ void Map::forgetMoves() {
 }
 
 void Map::ban(int marker_id) {
+  ++changes_;
   withoutPose(MarkerState::kBanned, &markers_.at(marker_id));
   removeLinksTo(marker_id);
 }
 
 void Map::setElsewhere(int marker_id, bool elsewhere) {
+  ++changes_;
   withoutPose(elsewhere ? MarkerState::kElsewhere : MarkerState::kUnresolved,
               &markers_.at(marker_id));
 }
 
 KeyframeId Map::addKeyframe(Keyframe keyframe) {
+  ++changes_;
   keyframe.id = std::max(keyframe.id, next_keyframe_);
   next_keyframe_ = keyframe.id + 1;
   if (!std::ranges::is_sorted(keyframe.detections, {}, &MarkerDetection::id)) {
@@ -167,6 +176,7 @@ KeyframeId Map::addKeyframe(Keyframe keyframe) {
 }
 
 void Map::setKeyframePoses(std::span<const KeyframePose> poses) {
+  ++changes_;
   // From one to the next, where that is not further than looking it up.
   constexpr int kSteps = 8;
   auto known = keyframes_.begin();
@@ -181,6 +191,7 @@ void Map::setKeyframePoses(std::span<const KeyframePose> poses) {
 }
 
 void Map::removeKeyframe(KeyframeId id) {
+  ++changes_;
   for (const MarkerDetection& detection : keyframes_.at(id).detections) {
     view_count_ -= std::erase(views_[detection.id], id);
   }
@@ -189,6 +200,7 @@ void Map::removeKeyframe(KeyframeId id) {
 }
 
 void Map::addLink(KeyframeId id, const MarkerLink& link) {
+  ++changes_;
   std::vector<MarkerLink>& links = keyframes_.at(id).links;
   const auto known = std::ranges::lower_bound(links, link.marker, {}, &MarkerLink::marker);
   if (known != links.end() && known->marker == link.marker) {
@@ -202,6 +214,7 @@ void Map::addLink(KeyframeId id, const MarkerLink& link) {
 void Map::removeLinksTo(int marker_id) {
   const auto from = linked_from_.extract(marker_id);
   if (!from) return;
+  ++changes_;
   for (const KeyframeId id : from.mapped()) {
     std::erase_if(keyframes_.at(id).links,
                   [&](const MarkerLink& link) { return link.marker == marker_id; });
@@ -209,6 +222,7 @@ void Map::removeLinksTo(int marker_id) {
 }
 
 void Map::addView(KeyframeId id, const MarkerDetection& detection) {
+  ++changes_;
   keyframes_.at(id).detections.change([&](auto* detections) {
     const auto behind =
         std::ranges::upper_bound(*detections, detection.id, {}, &MarkerDetection::id);
@@ -220,12 +234,14 @@ void Map::addView(KeyframeId id, const MarkerDetection& detection) {
 }
 
 void Map::replaceView(KeyframeId id, const MarkerDetection& detection) {
+  ++changes_;
   keyframes_.at(id).detections.change([&](auto* detections) {
     *std::ranges::lower_bound(*detections, detection.id, {}, &MarkerDetection::id) = detection;
   });
 }
 
 void Map::removeViews(int marker_id, std::span<const KeyframeId> keyframes) {
+  ++changes_;
   const std::vector<KeyframeId> gone(keyframes.begin(), keyframes.end());  // may be viewsOf()
   for (const KeyframeId id : gone) {
     keyframes_.at(id).detections.change([&](auto* detections) {
@@ -245,6 +261,20 @@ void Map::moveWorld(const Transform& T_v_w) {
     for (Transform& former : marker.former_poses) former = T_v_w * former;
   }
   for (auto& [id, keyframe] : keyframes_) keyframe.T_w_c = T_v_w * keyframe.T_w_c;
+}
+
+void Map::goOnFrom(const Map& map) {
+  ++changes_;
+  epoch_ = map.epoch_;
+  next_keyframe_ = std::max(next_keyframe_, map.next_keyframe_);
+}
+
+bool Map::letGo(int count) {
+  ++changes_;
+  for (; count > 0 && !keyframes_.empty(); --count) keyframes_.erase(keyframes_.begin());
+  for (; count > 0 && !markers_.empty(); --count) markers_.erase(markers_.begin());
+  for (; count > 0 && !views_.empty(); --count) views_.erase(views_.begin());
+  return keyframes_.empty() && markers_.empty() && views_.empty();
 }
 
 }  // namespace waymark::slam

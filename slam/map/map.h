@@ -131,6 +131,7 @@ class Map {
              const Matrix6d& covariance = Matrix6d::Zero());
   // Precondition: the marker has a pose.
   void setWorldCovariance(int marker_id, const Matrix6d& covariance) {
+    ++changes_;
     markers_.at(marker_id).world_covariance = covariance;
   }
   // Its pose goes to the former ones, where it has one.
@@ -149,11 +150,17 @@ class Map {
   KeyframeId addKeyframe(Keyframe keyframe);
   void removeKeyframe(KeyframeId id);
   // Precondition: the keyframe exists.
-  void setKeyframePose(KeyframeId id, const Transform& T_w_c) { keyframes_.at(id).T_w_c = T_w_c; }
+  void setKeyframePose(KeyframeId id, const Transform& T_w_c) {
+    ++changes_;
+    keyframes_.at(id).T_w_c = T_w_c;
+  }
   // Of those that exist. Precondition: ascending.
   void setKeyframePoses(std::span<const KeyframePose> poses);
   // Precondition: the keyframe exists.
-  void setKeyframeTwist(KeyframeId id, const Vector6d& twist) { keyframes_.at(id).twist = twist; }
+  void setKeyframeTwist(KeyframeId id, const Vector6d& twist) {
+    ++changes_;
+    keyframes_.at(id).twist = twist;
+  }
   // In place of another one between the two. Preconditions: both exist.
   void addLink(KeyframeId id, const MarkerLink& link);
   // One more detection of a keyframe. Preconditions: the keyframe exists and does not see the
@@ -168,10 +175,21 @@ class Map {
   // Moves the whole map into another world: every T_w_x becomes T_v_w * T_w_x. Links are relative,
   // and stay as they are.
   void moveWorld(const Transform& T_v_w);
+  // A copy of another map, made piece by piece, goes on as that would: with its epoch, and with ids
+  // that were never used.
+  void goOnFrom(const Map& map);
+  // Counts all changes: as long as it stays the same, the map does.
+  [[nodiscard]] std::uint64_t changes() const { return changes_; }
+  // Of a map that nobody needs any more, as letting go of a large one takes milliseconds: so many
+  // of its keyframes and markers go. True when none is left.
+  bool letGo(int count);
   // Counts the changes of all coordinates, or of all corners, at once: what was computed from those
   // of an earlier epoch is of no use any more.
   [[nodiscard]] std::uint64_t epoch() const { return epoch_; }
-  void beginEpoch() { ++epoch_; }
+  void beginEpoch() {
+    ++changes_;
+    ++epoch_;
+  }
 
  private:
   std::map<int, MapMarker> markers_;
@@ -181,6 +199,7 @@ class Map {
   std::map<int, std::vector<KeyframeId>> linked_from_;  // by marker
   KeyframeId next_keyframe_ = 0;
   std::uint64_t epoch_ = 0;
+  std::uint64_t changes_ = 0;
 };
 
 }  // namespace waymark::slam

@@ -1,7 +1,9 @@
 #include "slam/map/map.h"
 
 #include <algorithm>
+#include <cstdint>
 #include <random>
+#include <utility>
 
 #include <gtest/gtest.h>
 
@@ -269,6 +271,52 @@ TEST(Map, RemovalsLeaveNoTrace) {
   other.removeViews(4, other.viewsOf(4));
   EXPECT_EQ(other.keyframes().count(2), 1U) << "a keyframe that sees nothing stays";
   EXPECT_EQ(other.neighbours(2), (std::vector<KeyframeId>{2}));
+}
+
+// Whoever copies it over several frames is told by that.
+TEST(Map, CountsItsChanges) {
+  Map map = smallMap();
+  std::uint64_t before = map.changes();
+  const auto hasChanged = [&] { return std::exchange(before, map.changes()) != map.changes(); };
+  (void)map.addMarker(1, 0.1);
+  EXPECT_FALSE(hasChanged()) << "known already";
+  (void)map.addMarker(9, 0.1);
+  EXPECT_TRUE(hasChanged());
+  map.place(1, Transform{});
+  EXPECT_TRUE(hasChanged());
+  map.setWorldCovariance(1, Matrix6d::Identity());
+  EXPECT_TRUE(hasChanged());
+  map.quarantine(1);
+  EXPECT_TRUE(hasChanged());
+  map.setElsewhere(1, true);
+  EXPECT_TRUE(hasChanged());
+  map.ban(1);
+  EXPECT_TRUE(hasChanged());
+  map.setKeyframePose(0, Transform{});
+  EXPECT_TRUE(hasChanged());
+  map.setKeyframeTwist(0, Vector6d::Zero());
+  EXPECT_TRUE(hasChanged());
+  map.addView(2, seen(1));
+  EXPECT_TRUE(hasChanged());
+  map.replaceView(2, seen(1));
+  EXPECT_TRUE(hasChanged());
+  map.removeViews(4, map.viewsOf(4));
+  EXPECT_TRUE(hasChanged());
+  map.moveWorld(Transform{});
+  EXPECT_TRUE(hasChanged());
+  map.removeKeyframe(0);
+  EXPECT_TRUE(hasChanged());
+  (void)map.addKeyframe({});
+  EXPECT_TRUE(hasChanged());
+}
+
+TEST(Map, IsLetGoOfBitByBit) {
+  Map map = smallMap();
+  int times = 1;
+  while (!map.letGo(2)) ++times;
+  EXPECT_EQ(times, 6) << "3 keyframes, 4 markers, and the views of each";
+  EXPECT_TRUE(map.keyframes().empty());
+  EXPECT_TRUE(map.markers().empty());
 }
 
 TEST(Map, MoveWorldMovesEverything) {

@@ -23,6 +23,7 @@ std::string PieceOptions::invalidReason() const {
        "what tells another print of one id must be positive"},
       {bridge.links >= 1 && isNotNegative(bridge.interval_s),
        "pieces need at least 1 carried frame"},
+      {isPositive(join_cost_per_frame), "the cost of joining pieces must be positive"},
       {isNotNegative(trial.interval_s) && trial.against >= 1 && trial.frames >= 1 &&
            trial.joints >= 1,
        "the trial of a joint must be positive"},

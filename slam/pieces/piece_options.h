@@ -67,6 +67,9 @@ struct PieceOptions {
     double interval_s = 0.3;
   };
   Bridge bridge;
+  // What joining two pieces may spend of a frame, in the units of Options::work_per_frame.
+  // Meanwhile the map does not grow: more is done sooner, and makes these frames longer.
+  double join_cost_per_frame = 600.0;
   // A joint is on trial: frames that show markers of both pieces, at most one in so many seconds,
   // are compared with the two as they were.
   struct Trial {

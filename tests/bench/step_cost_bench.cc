@@ -22,6 +22,7 @@
 #include "slam/optimization/normal_equations.h"
 #include "slam/optimization/schur_complement.h"
 #include "slam/optimization/subproblem.h"
+#include "slam/pieces/joined_map.h"
 #include "slam/testing/scene.h"
 #include "tests/bench/command_line.h"
 #include "tools/exit_code.h"
@@ -300,6 +301,42 @@ void measureLoopCloser(StepTable* table) {
       });
 }
 
+// --- Pieces --------------------------------------------------------------------------------------
+
+void measureJoint(StepTable* table) {
+  table->section("pieces/joined_map");
+  const Room room(600);
+  slam::Map other;
+  constexpr int kOthers = 100;  // beyond the ids of the room
+  for (const auto& [id, marker] : room.map.markers()) {
+    slam::MapMarker theirs = marker;
+    theirs.id += kOthers;
+    (void)other.putMarker(theirs);
+  }
+  for (const auto& [id, keyframe] : room.map.keyframes()) {
+    slam::Keyframe theirs = keyframe;
+    theirs.detections.change([&](auto* detections) {
+      for (slam::MarkerDetection& detection : *detections) detection.id += kOthers;
+    });
+    (void)other.addKeyframe(std::move(theirs));
+  }
+  const slam::PieceJoint joint;
+  table->add("a keyframe of two pieces put into the map of both",
+             static_cast<double>(room.map.keyframes().size() + other.keyframes().size()),
+             [&](Budget* b) { return slam::joinMaps(room.map, other, joint, b); });
+  // Hardly anything but markers.
+  slam::Map here;
+  slam::Map there;
+  constexpr int kMarkers = 2000;
+  slam::MapMarker marker = room.map.markers().begin()->second;
+  for (int i = 0; i < kMarkers; ++i) {
+    marker.id = i;
+    (void)(i % 2 == 0 ? here : there).putMarker(marker);
+  }
+  table->add("a marker of two pieces put into the map of both", kMarkers,
+             [&](Budget* b) { return slam::joinMaps(here, there, joint, b); });
+}
+
 // --- All of it -----------------------------------------------------------------------------------
 
 void measureWholes(StepTable* table) {
@@ -344,6 +381,7 @@ bool run(int repetitions) {
   measureSubproblem(&table);
   measurePoseGraph(&table);
   measureLoopCloser(&table);
+  measureJoint(&table);
   measureWholes(&table);
   return table.complete();
 }

@@ -1,6 +1,7 @@
 // What the long runs see: a camera's way past markers, worked out beforehand, again and again.
 #pragma once
 
+#include <cstddef>
 #include <cstdint>
 #include <string>
 #include <vector>
@@ -31,6 +32,18 @@ struct Walk {
   std::vector<simulator::Marker> markers;
   std::vector<Frame> frames;
 };
+
+// Through two halls, of which each is a piece of the map at first: the camera walks through the one
+// and, after some seconds in the dark, through the other one; then the door between them opens, and
+// it goes to and fro through both.
+struct TwoHalls {
+  Walk walk;
+  std::size_t door_opens = 0;  // the frame
+};
+
+// With so many markers of 25 cm on the ceiling of each, a metre apart; ids of the second one follow
+// those of the first. The way does not close.
+[[nodiscard]] TwoHalls walkThroughTwoHalls(int markers_each, double rate_hz, std::uint64_t seed);
 
 // An Error says which option is wrong.
 [[nodiscard]] Result<Walk> planWalk(const WalkOptions& options);
