@@ -178,6 +178,8 @@ TEST_F(LensTest, AChangeOfFocusIsNoticed) {
   ASSERT_TRUE(found);
   EXPECT_NEAR(found->fx / truth().fx, 1.03, 3e-3);
   EXPECT_EQ(stats("changed")["counters"]["quarantined_markers"], 0);
+  ASSERT_EQ(stats("changed")["lens"]["changed_at_s"].size(), 1U);
+  EXPECT_NEAR(stats("changed")["lens"]["changed_at_s"][0].get<double>(), 5.0, 0.5);
 }
 
 TEST_F(LensTest, BelievesAnyCalibrationWhereLearningIsOff) {

@@ -163,8 +163,10 @@ void tellOfLens(const RunArguments& arguments, bool lens_given, const slam::Slam
   if (!(all_is_well && arguments.quiet)) {
     std::fprintf(stderr, "waymark: %s\n", finding.text.c_str());
   }
-  if (!lens.changedUnderWay()) return;
-  std::fprintf(stderr, "waymark: the lens changed under way, %zu times\n", lens.earlier.size());
+  for (const slam::EarlierLens& earlier : lens.earlier) {
+    std::fprintf(stderr, "waymark: the lens changed under way, at %.2f s\n",
+                 1e-9 * static_cast<double>(earlier.until_ns));
+  }
 }
 
 Result<ExitCode> run(const RunArguments& arguments) {

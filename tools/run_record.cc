@@ -61,6 +61,10 @@ Json lensOf(const slam::Slam& slam, std::optional<std::int64_t> learned_at_ns) {
   json["rms_before_px"] = learned ? Json(lens.rms_before_px) : Json(nullptr);
   json["rms_after_px"] = learned ? Json(lens.rms_after_px) : Json(nullptr);
   json["changes"] = lens.changes;
+  json["changed_at_s"] = Json::array();  // under way
+  for (const slam::EarlierLens& earlier : lens.earlier) {
+    json["changed_at_s"].push_back(1e-9 * static_cast<double>(earlier.until_ns));
+  }
   json["coverage_percent"] =
       100.0 * static_cast<double>(slam.counters().image_cells_seen) / slam::CornerCoverage::kCells;
   return json;

@@ -65,8 +65,9 @@ std::optional<Transform> LensEstimator::collect(const RollingShutterEstimator& s
   if (dating_ && dating_->done()) {
     const std::optional<std::int64_t> date = dating_->take();
     dating_.reset();
-    if (!isUndated()) return std::nullopt;  // there is another map, or another piece was faster
-    knowledge_->earlier.back().dated = true;
+    if (!isUndated()) return std::nullopt;  // another piece was faster
+    dated_with_ = knowledge_->changes;
+    knowledge_->earlier.back().dated = knowledge_->state == LensState::kLearned;
     if (!date || *date == knowledge_->since_ns) return std::nullopt;
     noteDate(*date, shutter.seconds(), map);
     return Transform{};

@@ -70,7 +70,8 @@ class LensEstimator {
   // The lens has changed, and from what was seen just before it is not yet known through which lens
   // that was.
   [[nodiscard]] bool isUndated() const {
-    return options_.learn && knowledge_->changedUnderWay() && !knowledge_->earlier.back().dated;
+    return options_.learn && knowledge_->changedUnderWay() && !knowledge_->earlier.back().dated &&
+           knowledge_->changes != dated_with_;
   }
   // The newest lens was in use since then: the map's keyframes are undistorted as seen through the
   // lens of their time.
@@ -92,6 +93,7 @@ class LensEstimator {
   bool contradicted_ = false;  // by the last estimate
   int next_keyframes_;         // it is estimated again when the map has so many
   std::optional<SlicedTask<std::optional<std::int64_t>>> dating_;
+  int dated_with_ = -1;      // the lens of so many changes; a better one asks again
   bool dated_anew_ = false;  // and not yet estimated since
   std::optional<SlicedTask<std::optional<LensEstimate>>> estimate_;
   // A lens that is believed, of a part of the map; and all of the map as seen through it.
