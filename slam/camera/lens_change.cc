@@ -133,7 +133,8 @@ std::size_t firstOfNew(const Fits& old_better) {
 Task<std::optional<std::int64_t>> dateChange(const Map& map, LensChange change,
                                              const MarkerOptions& markers, BundleOptions options,
                                              Budget* budget) {
-  const Map seen = map;  // which goes on meanwhile
+  // NOLINTNEXTLINE(performance-unnecessary-copy-initialization): the map goes on between slices
+  const Map seen = map;
   const BundleOptions of_all = ungated(options);
   std::optional<std::int64_t> date;
   bool came_nearer = false;
