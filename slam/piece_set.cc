@@ -99,8 +99,8 @@ FrameResult PieceSet::process(const FrameInput& frame, std::span<const MarkerDet
     watchTrials(frame, detections, observer, &result);
     const StageScope scope(observer, Stage::kMap);
     lookForJoint(frame, &result);
-    letGoOfSome();
   }
+  letGoOfSome();
   if (result.pose) last_pose_ns_ = frame.time.monotonic_ns;
   result.piece_events = events_;
   return result;
