@@ -2,22 +2,14 @@
 
 #include <algorithm>
 #include <cstddef>
-#include <limits>
 #include <map>
 #include <set>
 #include <utility>
 
+#include "slam/geometry/polygon.h"
+
 namespace waymark::slam {
 namespace {
-
-// Of the four sides in the image, pixels.
-double meanSide_px(const MarkerDetection& detection) {
-  double length = 0.0;
-  for (std::size_t k = 0; k < 4; ++k) {
-    length += (detection.pixels[(k + 1) % 4] - detection.pixels[k]).norm();
-  }
-  return 0.25 * length;
-}
 
 // How much of these a frame shows: the sum of their sides in the image. One marker alone leaves two
 // poses, and is worth little.
@@ -27,7 +19,7 @@ double shows(const LiveFrame& frame, const std::set<int>& markers) {
   int count = 0;
   for (const MarkerDetection& detection : frame.detections) {
     if (!markers.contains(detection.id)) continue;
-    sides += meanSide_px(detection);
+    sides += meanSide(detection.pixels);
     ++count;
   }
   return count == 1 ? kAlone * sides : sides;

@@ -180,27 +180,27 @@ void LiveState::addToTrail(const pose_t& pose) {
   trail_.resize(kept);
 }
 
-void LiveState::add(const map_t& part, std::int64_t now_ns) {
+template <typename Message>
+PartAdded LiveState::addPart(const Message& part, std::int64_t now_ns, MapParts<Message>* map) {
   heard_ns_ = now_ns;
-  using Added = MapParts<map_t>::Added;
-  const Added added = map_.add(part);
-  if (added == Added::kImpossible) addMalformed();
-  if (added == Added::kWhole) changed(Part::kMap);
+  const PartAdded added = map->add(part);
+  if (added == PartAdded::kImpossible) addMalformed();
+  if (added == PartAdded::kWhole) changed(Part::kMap);
+  return added;
+}
+
+void LiveState::add(const map_t& part, std::int64_t now_ns) {
+  const bool is_known = addPart(part, now_ns, &map_) == PartAdded::kKnown;
   // Natural markers come right after each revision: where it comes again and they have not, there
   // are none any more.
-  if (added == Added::kKnown && !natural_map_.whole().empty() &&
-      natural_map_.revision() != map_.revision()) {
+  if (is_known && !natural_map_.whole().empty() && natural_map_.revision() != map_.revision()) {
     natural_map_.clear();
     changed(Part::kMap);
   }
 }
 
 void LiveState::add(const natural_map_t& part, std::int64_t now_ns) {
-  heard_ns_ = now_ns;
-  using Added = MapParts<natural_map_t>::Added;
-  const Added added = natural_map_.add(part);
-  if (added == Added::kImpossible) addMalformed();
-  if (added == Added::kWhole) changed(Part::kMap);
+  (void)addPart(part, now_ns, &natural_map_);
 }
 
 void LiveState::add(const health_t& health, std::int64_t now_ns) {

@@ -84,6 +84,10 @@ class LiveState {
   [[nodiscard]] std::string metricsText() const;
 
  private:
+  // Of either kind of marker.
+  template <typename Message>
+  PartAdded addPart(const Message& part, std::int64_t now_ns, MapParts<Message>* map);
+
   // Of one of the last frames, for the preview that comes later.
   struct SeenFrame {
     detections_t detections;

@@ -9,25 +9,25 @@
 
 namespace waymark::view {
 
+enum class PartAdded { kImpossible, kNotWholeYet, kKnown, kWhole };
+
 template <typename Message>
 class MapParts {
  public:
-  enum class Added { kImpossible, kNotWholeYet, kKnown, kWhole };
-
-  Added add(const Message& part) {
+  PartAdded add(const Message& part) {
     if (part.piece < 0 || part.piece_count < 1 || part.piece_count > kMostParts ||
         part.piece >= part.piece_count) {
-      return Added::kImpossible;
+      return PartAdded::kImpossible;
     }
-    if (revision() == part.revision) return Added::kKnown;
+    if (revision() == part.revision) return PartAdded::kKnown;
     if (!coming_.empty() && (coming_.begin()->second.revision != part.revision ||
                              coming_.begin()->second.piece_count != part.piece_count)) {
       coming_.clear();
     }
     coming_[part.piece] = part;
-    if (std::cmp_less(coming_.size(), part.piece_count)) return Added::kNotWholeYet;
+    if (std::cmp_less(coming_.size(), part.piece_count)) return PartAdded::kNotWholeYet;
     whole_ = std::exchange(coming_, {});
-    return Added::kWhole;
+    return PartAdded::kWhole;
   }
   void clear() {
     coming_.clear();

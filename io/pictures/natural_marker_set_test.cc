@@ -32,6 +32,15 @@ class NaturalMarkerSetTest : public ::testing::Test {
   void save(const std::string& name, const cv::Mat& image) {
     ASSERT_TRUE(cv::imwrite((directory_ / name).string(), image));
   }
+  // a.png and b.png; mixed.png is most of the one and some of the other.
+  void saveAlike() {
+    cv::Mat mixed = scribbles(1);
+    const cv::Mat other = scribbles(2);
+    save("a.png", mixed);
+    save("b.png", other);
+    other.colRange(250, 400).copyTo(mixed.colRange(250, 400));
+    save("mixed.png", mixed);
+  }
   // A file of these images, each 0.3 m wide.
   std::filesystem::path file(const std::vector<std::string>& images) {
     std::string text;
@@ -139,11 +148,7 @@ TEST_F(NaturalMarkerSetTest, OnePictureSaysWhatOfItIsUsedAndWhichItIs) {
 }
 
 TEST_F(NaturalMarkerSetTest, PicturesThatLookAlikeAreToldInOneLine) {
-  save("a.png", scribbles(1));
-  save("b.png", scribbles(2));
-  cv::Mat mixed = scribbles(1);
-  scribbles(2).colRange(250, 400).copyTo(mixed.colRange(250, 400));
-  save("mixed.png", mixed);
+  saveAlike();
   const auto noteOf = [this](const std::vector<std::string>& images) {
     named_ = 0;
     const auto set = readNaturalMarkers(file(images));
@@ -157,11 +162,7 @@ TEST_F(NaturalMarkerSetTest, PicturesThatLookAlikeAreToldInOneLine) {
 
 // Looking for them takes longer than all else, the more the more pictures there are.
 TEST_F(NaturalMarkerSetTest, WhichLookAlikeIsLookedForOnce) {
-  save("a.png", scribbles(1));
-  save("b.png", scribbles(2));
-  cv::Mat mixed = scribbles(1);
-  scribbles(2).colRange(250, 400).copyTo(mixed.colRange(250, 400));
-  save("mixed.png", mixed);
+  saveAlike();
   const std::filesystem::path path = file({"mixed.png", "b.png", "a.png"});
   const std::filesystem::path cache_path = featureCachePath(path);
   const auto first = readNaturalMarkers(path);

@@ -6,22 +6,17 @@
 #include <vector>
 
 #include "slam/camera/rolling_shutter.h"
+#include "slam/geometry/polygon.h"
 
 namespace waymark::slam {
 namespace {
-
-double perimeter(const std::array<Eigen::Vector2d, 4>& corners) {
-  double length = 0.0;
-  for (std::size_t k = 0; k < 4; ++k) length += (corners[(k + 1) % 4] - corners[k]).norm();
-  return length;
-}
 
 // Noise is of pixels, and normalized coordinates are longer with a shorter focal length. Moving
 // cameras and small changes of a lens leave it as it is.
 void scaleNoise(const std::array<Eigen::Vector2d, 4>& before, MarkerDetection* detection) {
   constexpr double kSmall = 0.02;
-  const double length = perimeter(before);
-  const double scale = length > 0.0 ? perimeter(detection->normalized) / length : 1.0;
+  const double side = meanSide(before);
+  const double scale = side > 0.0 ? meanSide(detection->normalized) / side : 1.0;
   if (std::abs(scale - 1.0) < kSmall) return;
   for (Eigen::Matrix2d& covariance : detection->covariance) covariance *= scale * scale;
   for (Eigen::Vector2f& doubt : detection->readout_doubt) doubt *= static_cast<float>(scale);
@@ -101,20 +96,30 @@ void seeThroughOne(const CameraModel& in_use, const LensKnowledge& lens, Map* ma
   }
 }
 
-void undistortAgain(const CameraModel& in_use, const LensKnowledge& lens, std::int64_t since_ns,
-                    double readout_s, Map* map) {
+namespace {
+
+// lensAt: of a frame, given its time.
+template <typename LensAt>
+void undistortSince(std::int64_t since_ns, double readout_s, Map* map, const LensAt& lensAt) {
   map->beginEpoch();
   for (const auto& [id, keyframe] : map->keyframes()) {
-    if (keyframe.monotonic_ns < since_ns) continue;
-    undistortAgain(lens.at(keyframe.monotonic_ns, in_use), readout_s, id, map);
+    const std::int64_t time_ns = keyframe.monotonic_ns;
+    if (time_ns >= since_ns) undistortAgain(lensAt(time_ns), readout_s, id, map);
   }
 }
 
+}  // namespace
+
+void undistortAgain(const CameraModel& in_use, const LensKnowledge& lens, std::int64_t since_ns,
+                    double readout_s, Map* map) {
+  undistortSince(since_ns, readout_s, map, [&](std::int64_t time_ns) -> const CameraModel& {
+    return lens.at(time_ns, in_use);
+  });
+}
+
 void undistortAgain(const CameraModel& camera, double readout_s, Map* map, std::int64_t since_ns) {
-  map->beginEpoch();
-  for (const auto& [id, keyframe] : map->keyframes()) {
-    if (keyframe.monotonic_ns >= since_ns) undistortAgain(camera, readout_s, id, map);
-  }
+  undistortSince(since_ns, readout_s, map,
+                 [&](std::int64_t) -> const CameraModel& { return camera; });
 }
 
 }  // namespace waymark::slam

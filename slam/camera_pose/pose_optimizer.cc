@@ -11,6 +11,7 @@
 #include "base/stack_arena.h"
 #include "slam/camera_pose/residual_variance.h"
 #include "slam/geometry/minimize_pose.h"
+#include "slam/geometry/polygon.h"
 #include "slam/geometry/reprojection.h"
 #include "slam/geometry/robust.h"
 #include "slam/option_checks.h"
@@ -128,11 +129,7 @@ bool PoseOptimizer::explains(const KnownMarker& marker, const Transform& T_w_c,
 }
 
 double PoseOptimizer::sidePx(const MarkerDetection& detection) {
-  double perimeter = 0.0;
-  for (std::size_t k = 0; k < 4; ++k) {
-    perimeter += (detection.pixels[(k + 1) % 4] - detection.pixels[k]).norm();
-  }
-  return 0.25 * perimeter;
+  return meanSide(detection.pixels);
 }
 
 double PoseOptimizer::rmsPx(const KnownMarker& marker, const Transform& T_w_c) const {

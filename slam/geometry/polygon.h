@@ -20,4 +20,13 @@ namespace waymark::slam {
   return 0.5 * std::abs(twice);
 }
 
+// Of the sides between corners in turn; in their unit. Precondition: there are corners.
+[[nodiscard]] inline double meanSide(std::span<const Eigen::Vector2d> corners) {
+  double length = 0.0;
+  for (std::size_t i = 0; i < corners.size(); ++i) {
+    length += (corners[(i + 1) % corners.size()] - corners[i]).norm();
+  }
+  return length / static_cast<double>(corners.size());
+}
+
 }  // namespace waymark::slam

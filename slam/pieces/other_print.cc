@@ -7,14 +7,10 @@
 #include <set>
 #include <vector>
 
+#include "slam/geometry/polygon.h"
+
 namespace waymark::slam {
 namespace {
-
-double sideOf(const std::array<Eigen::Vector2d, 4>& corners) {
-  double length = 0.0;
-  for (std::size_t k = 0; k < 4; ++k) length += (corners[(k + 1) % 4] - corners[k]).norm();
-  return length / 4.0;
-}
 
 Eigen::Vector2d centreOf(const std::array<Eigen::Vector2d, 4>& corners) {
   return 0.25 * (corners[0] + corners[1] + corners[2] + corners[3]);
@@ -72,11 +68,11 @@ bool surroundingsAreMissing(const MapMarker& marker, const Transform& T_w_c, con
   bool replaced = false;
   for (const int id : seenFromThere(map, marker, T_w_c, parts.options.other_print)) {
     const auto expected = expectedCorners(*map.findPosed(id), T_w_c, parts);
-    if (!expected || sideOf(*expected) < least_side_px) continue;
+    if (!expected || meanSide(*expected) < least_side_px) continue;
     ++missing;
     replaced =
         replaced || std::ranges::any_of(detections, [&](const MarkerDetection& other) {
-          return (centreOf(other.pixels) - centreOf(*expected)).norm() < 0.5 * sideOf(*expected);
+          return (centreOf(other.pixels) - centreOf(*expected)).norm() < 0.5 * meanSide(*expected);
         });
   }
   return missing >= parts.options.other_print.missing || replaced;
@@ -97,7 +93,7 @@ bool isAnotherPrint(const Map& map, std::span<const MarkerDetection> detections,
   const auto square =
       estimateSquarePose(*only, marker.size_m, parts.camera.focalLength(), parts.square);
   if (!square) return false;
-  const double least_side_px = parts.options.other_print.least_side * sideOf(only->pixels);
+  const double least_side_px = parts.options.other_print.least_side * meanSide(only->pixels);
   // From either of its poses, where it does not say which.
   const bool both = !square->unambiguous(parts.options.ambiguity_ratio);
   for (std::size_t i = 0; i < (both ? 2U : 1U); ++i) {
