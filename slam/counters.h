@@ -27,6 +27,7 @@ struct Counters {
   std::uint64_t bridged_frames = 0;
   std::uint64_t linked_markers = 0;
   std::uint64_t linked_gaps = 0;
+  std::uint64_t linked_nearer = 0;
   std::uint64_t mapped_pictures = 0;
   std::uint64_t picture_poses = 0;
   std::uint64_t refused_pictures = 0;
@@ -101,6 +102,8 @@ inline constexpr std::array kCounters = {
                  "markers that joined the map through a gap, by natural features"},
     NamedCounter{"linked_gaps", &Counters::linked_gaps,
                  "gaps that ended at markers of the map, and tie them to those before"},
+    NamedCounter{"linked_nearer", &Counters::linked_nearer,
+                 "nearer views of such new markers that tell how they are turned"},
     NamedCounter{"mapped_pictures", &Counters::mapped_pictures,
                  "natural markers that got a place in the map"},
     NamedCounter{"picture_poses", &Counters::picture_poses,

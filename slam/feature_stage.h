@@ -58,6 +58,11 @@ class FeatureStage {
     int anchor = -1;
   };
   [[nodiscard]] std::optional<Arrival> arrival() const;
+  // After follow(): where features that have carried the pose through a gap before, and been
+  // followed since, have the camera together with the markers in view.
+  [[nodiscard]] std::optional<FilteredPose> carriedOn() const {
+    return followed_ ? integrator_.carriedOn() : std::nullopt;
+  }
   // The marker that the carried pose is relative to: the nearest one of the last frame that the
   // features followed. -1 before the first one.
   [[nodiscard]] int anchor() const { return anchor_.id; }

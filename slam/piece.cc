@@ -102,7 +102,7 @@ class Piece::Impl {
       if (!tracked && turn == Turn::kOwn) bridge(usable, frame, prediction, observer, &result);
       if (options_.mapping) {
         const StageScope scope(observer, Stage::kMap);
-        if (tracked) arrive(*tracked, &result);
+        if (tracked) leaveGap(*tracked, &result);
         if (tracked && !held_) grow(*tracked, &result);
         // Also after a new keyframe: in fast motion every frame is one. Moving all of a large map
         // was this frame's work.
@@ -386,18 +386,23 @@ class Piece::Impl {
     return true;
   }
 
-  // A bridge has ended at markers of the map.
-  void arrive(const TrackedFrame& frame, FrameResult* result) {
-    const auto arrival = features_.arrival();
-    if (!arrival) return;
-    const bool grown = updater_.growAtArrival(frame,
-                                              {.time = frame.time,
-                                               .detections = {},
-                                               .T_w_c = arrival->pose.T_w_c,
-                                               .covariance = arrival->pose.covariance,
-                                               .twist = frame.twist,
-                                               .anchor = arrival->anchor},
-                                              &map_);
+  // A bridge has ended at markers of the map, or had before.
+  void leaveGap(const TrackedFrame& frame, FrameResult* result) {
+    const auto carriedTo = [&](const FilteredPose& pose, int anchor) {
+      return CarriedFrame{.time = frame.time,
+                          .detections = {},
+                          .T_w_c = pose.T_w_c,
+                          .covariance = pose.covariance,
+                          .twist = frame.twist,
+                          .anchor = anchor};
+    };
+    std::optional<CarriedFrame> carried_on;
+    if (const auto pose = features_.carriedOn()) carried_on = carriedTo(*pose, -1);
+    bool grown = updater_.growAfterGap(frame, carried_on, &map_);
+    if (const auto arrival = features_.arrival()) {
+      const CarriedFrame carried = carriedTo(arrival->pose, arrival->anchor);
+      grown = updater_.growAtArrival(frame, carried, &map_) || grown;
+    }
     if (grown) result->map_changed = result->keyframe_added = true;
   }
 

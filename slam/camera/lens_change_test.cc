@@ -90,6 +90,20 @@ TEST_F(LensChangeTest, IsDatedWhileTheMapGrows) {
   EXPECT_TRUE(knowledge_.earlier.back().dated);
 }
 
+// While one change is being dated the lens changes once more: the date is not that one's.
+TEST_F(LensChangeTest, ADateIsOfTheChangeThatItWasAskedFor) {
+  LensEstimator estimator = this->estimator();
+  (void)workUntilDone(0.1, &estimator);
+  ASSERT_TRUE(estimator.isDone());
+  const std::int64_t again_ns = 20 * kSecond_ns;
+  knowledge_.earlier.push_back({camera_, again_ns});
+  knowledge_.since_ns = again_ns;
+  EXPECT_FALSE(estimator.collect(shutter_, kBundle, &map_));
+  EXPECT_EQ(knowledge_.since_ns, again_ns);
+  EXPECT_FALSE(knowledge_.earlier.back().dated);
+  EXPECT_FALSE(estimator.idle(map_)) << "it is still to be dated";
+}
+
 TEST_F(LensChangeTest, IsAsOldAsItWasNoticedWhereNothingTells) {
   noticedAt(kSecond_ns);  // nothing is known of the markers from before
   const auto date = runToCompletion([&](Budget* budget) {

@@ -44,6 +44,7 @@ void LensEstimator::work(double cost, const RollingShutterEstimator& shutter, co
                          const BundleOptions& optimization) {
   const bool idle = !dating_ && !estimate_ && !whole_;
   if (idle && isUndated()) {
+    dating_of_ = knowledge_->earlier.size();
     dating_.emplace([&](Budget* budget) {
       return dateChange(map, changeOf(shutter), markers_, optimization, budget);
     });
@@ -65,7 +66,8 @@ std::optional<Transform> LensEstimator::collect(const RollingShutterEstimator& s
   if (dating_ && dating_->done()) {
     const std::optional<std::int64_t> date = dating_->take();
     dating_.reset();
-    if (!isUndated()) return std::nullopt;  // another piece was faster
+    // Another piece was faster, or the lens has changed once more meanwhile.
+    if (!isUndated() || dating_of_ != knowledge_->earlier.size()) return std::nullopt;
     dated_with_ = knowledge_->changes;
     knowledge_->earlier.back().dated = knowledge_->state == LensState::kLearned;
     if (!date || *date == knowledge_->since_ns) return std::nullopt;

@@ -2,6 +2,7 @@
 // intrinsics at the end only (Eq. 41): a lens that is 1 % off bends the map while it grows.
 #pragma once
 
+#include <cstddef>
 #include <cstdint>
 #include <optional>
 
@@ -93,8 +94,9 @@ class LensEstimator {
   bool contradicted_ = false;  // by the last estimate
   int next_keyframes_;         // it is estimated again when the map has so many
   std::optional<SlicedTask<std::optional<std::int64_t>>> dating_;
-  int dated_with_ = -1;      // the lens of so many changes; a better one asks again
-  bool dated_anew_ = false;  // and not yet estimated since
+  std::size_t dating_of_ = 0;  // which change: there were so many lenses before it
+  int dated_with_ = -1;        // the lens of so many changes; a better one asks again
+  bool dated_anew_ = false;    // and not yet estimated since
   std::optional<SlicedTask<std::optional<LensEstimate>>> estimate_;
   // A lens that is believed, of a part of the map; and all of the map as seen through it.
   struct Coming {

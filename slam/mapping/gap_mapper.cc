@@ -6,6 +6,7 @@
 #include <Eigen/Cholesky>
 
 #include "base/elapsed.h"
+#include "slam/covariance/excess_covariance.h"
 #include "slam/covariance/marginals.h"
 #include "slam/geometry/turned_covariance.h"
 #include "slam/option_checks.h"
@@ -25,6 +26,8 @@ std::string GapMapperOptions::invalidReason() const {
   return firstUnmet({
       {isPositive(min_baseline_per_distance), "the baseline of carried views must be positive"},
       {views >= 3, "a new marker needs at least 3 carried views"},
+      {nearer_share > 0.0 && nearer_share < 1.0,
+       "nearer views must be from a share of the distance"},
       {isPositive(out_of_sight_s), "the time until a marker is out of sight must be positive"},
       {isPositive(max_pause_s), "the pause between carried views must be positive"},
   });
@@ -59,6 +62,7 @@ std::optional<GapJoint> GapMapper::offer(const CarriedFrame& frame, const Map& m
     auto joint = decide(sighting, *anchor, residual_sigma);
     sighting.undecided = !joint;
     if (!joint) continue;
+    noteJoint(*joint, sighting.views.back(), *anchor);
     sightings_.erase(id);
     has_joined_ = true;
     return joint;
@@ -84,6 +88,41 @@ std::optional<Keyframe> GapMapper::arrive(const CarriedFrame& frame, const Map& 
                   .links = {*link}};
 }
 
+void GapMapper::noteJoint(const GapJoint& joint, const View& last, const MapMarker& anchor) {
+  const Transform T_anchor_c = anchor.T_w_m->inverse() * last.T_w_c;
+  nearing_ = Nearing{
+      .marker = joint.marker.id,
+      .anchor = anchor.id,
+      .joined = joint.keyframes.size(),
+      .distance_m = (joint.marker.T_w_m.p - last.T_w_c.p).norm(),
+      .left = options_.nearer_views,
+      .p_anchor_c = T_anchor_c.p,
+      .covariance = turnedCovariance(anchor.T_w_m->R.transpose(), last.covariance),
+  };
+}
+
+std::optional<Keyframe> GapMapper::comeNearer(const CarriedFrame& frame, const Map& map) {
+  if (!nearing_ || nearing_->left == 0) return std::nullopt;
+  const auto detection =
+      std::ranges::find(frame.detections, nearing_->marker, &MarkerDetection::id);
+  const MapMarker* const anchor = map.findPosed(nearing_->anchor);
+  if (detection == frame.detections.end() || anchor == nullptr) return std::nullopt;
+  const double distance_m = distanceTo(*detection);
+  if (distance_m > options_.nearer_share * nearing_->distance_m) return std::nullopt;
+  // The marker's place is from this stretch: what it tells of the camera's is not new.
+  const Transform& T_w_anchor = *anchor->T_w_m;
+  const Matrix6d F = rigidTransport(frame.T_w_c.p - T_w_anchor * nearing_->p_anchor_c);
+  const Matrix6d before = turnedCovariance(T_w_anchor.R, nearing_->covariance);
+  const Matrix6d carried = F * before * F.transpose();
+  const View view{*detection, frame.time, frame.T_w_c,
+                  carried + excessOf(frame.covariance, carried), frame.twist};
+  auto keyframe = keyframeOf(view, *anchor, nearing_->joined);
+  if (!keyframe) return std::nullopt;
+  nearing_->distance_m = distance_m;
+  --nearing_->left;
+  return keyframe;
+}
+
 void GapMapper::look(const CarriedFrame& frame, const Map& map) {
   for (const MarkerDetection& detection : frame.detections) {
     if (!isNew(map, detection.id)) continue;
@@ -98,15 +137,19 @@ void GapMapper::look(const CarriedFrame& frame, const Map& map) {
   }
 }
 
-bool GapMapper::isAnotherView(const View& last, const MarkerDetection& detection,
-                              const Transform& T_w_c) const {
+double GapMapper::distanceTo(const MarkerDetection& detection) const {
   // A square of that side is about so wide at a distance of 1 m.
   double side = 0.0;
   for (std::size_t k = 0; k < 4; ++k) {
     side = std::max(side, (detection.normalized[(k + 1) % 4] - detection.normalized[k]).norm());
   }
-  const double distance_m = markers_.sizeOf(detection.id) / side;
-  return (T_w_c.p - last.T_w_c.p).norm() >= options_.min_baseline_per_distance * distance_m;
+  return markers_.sizeOf(detection.id) / side;
+}
+
+bool GapMapper::isAnotherView(const View& last, const MarkerDetection& detection,
+                              const Transform& T_w_c) const {
+  return (T_w_c.p - last.T_w_c.p).norm() >=
+         options_.min_baseline_per_distance * distanceTo(detection);
 }
 
 std::optional<GapJoint> GapMapper::decide(const Sighting& sighting, const MapMarker& anchor,
@@ -153,9 +196,9 @@ std::optional<GapJoint> GapMapper::decideAlone(const Sighting& sighting,
 }
 
 std::optional<Keyframe> GapMapper::keyframeOf(const View& view, const MapMarker& anchor,
-                                              std::size_t shared) {
-  const auto link =
-      linkTo(anchor.id, *anchor.T_w_m, view.T_w_c, static_cast<double>(shared) * view.covariance);
+                                              std::size_t joined) const {
+  const double links = static_cast<double>(joined + options_.nearer_views);
+  const auto link = linkTo(anchor.id, *anchor.T_w_m, view.T_w_c, links * view.covariance);
   if (!link) return std::nullopt;
   return Keyframe{.sequence = view.time.sequence,
                   .monotonic_ns = view.time.monotonic_ns,

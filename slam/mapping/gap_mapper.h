@@ -5,6 +5,10 @@
 // marker explains them all, what was carried is at odds with itself (a scale that has drifted,
 // say): the one view that tells most by itself becomes a keyframe then.
 //
+// How a marker is turned hardly shows from where it comes into view, and how the camera is turned
+// the features know from before: the camera's nearer views of the marker get such a link, too, for
+// as long as features are followed on.
+//
 // The poses of a stretch share their drift: n links of one stretch have n times the covariance, so
 // that together they say what one of them knows.
 #pragma once
@@ -32,6 +36,11 @@ struct GapMapperOptions {
   // when it goes out of sight. More know its place better; over more of them the carried poses
   // drift, and the frames until then are bridged.
   std::size_t views = 6;
+  // Links from nearer views of a marker that has joined, each from at most this share of the
+  // distance of the one before it. How much a view tells of how the marker is turned grows with the
+  // third power of its size.
+  std::size_t nearer_views = 3;
+  double nearer_share = 0.7;
   // So long, seconds, a marker has not been seen when it is out of sight.
   double out_of_sight_s = 0.2;
   // Views that are further apart in time than this, seconds, are not of one stretch.
@@ -79,6 +88,13 @@ class GapMapper {
   // from. Empty where the stretch has been told of already, by a marker that it gave to the map,
   // and where the anchor itself is in view again.
   [[nodiscard]] std::optional<Keyframe> arrive(const CarriedFrame& frame, const Map& map) const;
+  // A frame with a pose from markers, while features that were followed through the gap before a
+  // joint still are: the keyframe that ties a nearer view of that joint's marker to the anchor, if
+  // this is one. frame.T_w_c, covariance: as the features and the markers in view have them by now;
+  // of the covariance that is used which the gap ended with, and what has changed since.
+  [[nodiscard]] std::optional<Keyframe> comeNearer(const CarriedFrame& frame, const Map& map);
+  // Those features are not followed any more.
+  void endNearing() { nearing_.reset(); }
   // The stretch is over: what was seen in it does not belong to the next one.
   void leave() {
     sightings_.clear();
@@ -99,17 +115,30 @@ class GapMapper {
     std::int64_t last_seen_ns = 0;
     bool undecided = false;  // these views say too little: others have to come
   };
+  // A marker that has joined, and the last view of it with a link.
+  struct Nearing {
+    int marker = -1;
+    int anchor = -1;
+    std::size_t joined = 0;  // keyframes
+    double distance_m = 0.0;
+    std::size_t left = 0;  // links to come
+    Eigen::Vector3d p_anchor_c = Eigen::Vector3d::Zero();
+    Matrix6d covariance = Matrix6d::Zero();  // in the anchor's axes
+  };
   // The new markers among the detections, from here.
   void look(const CarriedFrame& frame, const Map& map);
+  [[nodiscard]] double distanceTo(const MarkerDetection& detection) const;
+  void noteJoint(const GapJoint& joint, const View& last, const MapMarker& anchor);
   [[nodiscard]] bool isAnotherView(const View& last, const MarkerDetection& detection,
                                    const Transform& T_w_c) const;
   [[nodiscard]] std::optional<GapJoint> decide(const Sighting& sighting, const MapMarker& anchor,
                                                double residual_sigma) const;
   [[nodiscard]] std::optional<GapJoint> decideAlone(const Sighting& sighting,
                                                     const MapMarker& anchor) const;
-  // shared: keyframes that have the stretch's drift in common.
-  [[nodiscard]] static std::optional<Keyframe> keyframeOf(const View& view, const MapMarker& anchor,
-                                                          std::size_t shared);
+  // joined: keyframes that the marker joins with, which have the stretch's drift in common with
+  // each other and with the nearer ones to come.
+  [[nodiscard]] std::optional<Keyframe> keyframeOf(const View& view, const MapMarker& anchor,
+                                                   std::size_t joined) const;
 
   const MarkerOptions& markers_;
   double focal_px_;
@@ -117,6 +146,7 @@ class GapMapper {
   const GapMapperOptions& options_;
   std::map<int, Sighting> sightings_;  // by marker
   bool has_joined_ = false;            // a marker, in this stretch
+  std::optional<Nearing> nearing_;     // the last joint's
 };
 
 // A marker as seen from a carried frame that does not show it. Empty where the covariance is none.

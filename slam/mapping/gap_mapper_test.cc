@@ -5,6 +5,7 @@
 #include <Eigen/Cholesky>
 #include <gtest/gtest.h>
 
+#include "slam/geometry/turned_covariance.h"
 #include "slam/testing/scene.h"
 
 namespace waymark::slam {
@@ -76,7 +77,7 @@ TEST_F(GapMapperTest, ANewMarkerComesWithLinksToTheAnchor) {
   EXPECT_EQ(joint_->keyframes.back().monotonic_ns, time_ns_);
   // Together they say what one of them would.
   const auto alone = linkTo(kAnchor, T_w_anchor_, joint_->keyframes[0].T_w_c, covariance_);
-  const double links = static_cast<double>(options_.views);
+  const double links = static_cast<double>(options_.views + options_.nearer_views);
   EXPECT_TRUE(joint_->keyframes[0].links.at(0).covariance.isApprox(links * alone->covariance));
   for (const Keyframe& keyframe : joint_->keyframes) {
     EXPECT_NE(keyframe.find(kNew), nullptr);
@@ -109,8 +110,9 @@ TEST_F(GapMapperTest, CarriedPosesAtOddsWithThemselvesGiveTheClearestView) {
   EXPECT_LT((T_c_m.p - alone->T_c_m[0].p).norm(), 1e-9);
   EXPECT_EQ(joint_->marker.other_T_w_m.has_value(), alone->ratio <= resolver_.final_ratio);
   ASSERT_EQ(keyframe.links.size(), 1U) << "which nothing else shares";
+  const double links = static_cast<double>(1 + options_.nearer_views);
   const auto link = linkTo(kAnchor, T_w_anchor_, keyframe.T_w_c, covariance_);
-  EXPECT_TRUE(keyframe.links[0].covariance.isApprox(link->covariance));
+  EXPECT_TRUE(keyframe.links[0].covariance.isApprox(links * link->covariance));
 }
 
 // Three views decide, and there will be no more of them.
@@ -152,6 +154,40 @@ TEST_F(GapMapperTest, ABridgeBetweenKnownMarkersTiesThem) {
   EXPECT_FALSE(mapper_.arrive(at_anchor, map_));
   map_.quarantine(kAnchor);
   EXPECT_FALSE(mapper_.arrive(frame, map_)) << "it is not there any more";
+}
+
+// It hardly showed from there how the marker is turned.
+TEST_F(GapMapperTest, NearerViewsOfAMarkerThatHasJoinedAreTiedToTheAnchor) {
+  ASSERT_NE(looksUntilDecided(), 0);
+  map_.addMarker(kNew, kSize_m);
+  map_.place(kNew, joint_->marker.T_w_m);
+  const Transform T_w_last = joint_->keyframes.back().T_w_c;
+  // As the filter has it, which takes the marker's place for known.
+  const Matrix6d surer = 0.01 * covariance_;
+  const auto goTo = [&](double share) {
+    const Eigen::Vector3d to_last = T_w_last.p - T_w_new_.p;
+    const Transform T_w_c = testing::lookAt(T_w_new_.p + share * to_last, T_w_new_.p);
+    seen_ = testing::observeAll(camera_, T_w_c, {{kNew, T_w_new_}}, kSize_m, 0.05, &rng_);
+    time_ns_ += kFramePeriodNs;
+    return CarriedFrame{{++sequence_, time_ns_}, seen_, T_w_c, surer, Twist::Zero(), -1};
+  };
+  EXPECT_FALSE(mapper_.comeNearer(goTo(0.9), map_)) << "hardly nearer";
+  const CarriedFrame nearer = goTo(0.6);
+  const auto keyframe = mapper_.comeNearer(nearer, map_);
+  ASSERT_TRUE(keyframe);
+  EXPECT_NE(keyframe->find(kNew), nullptr);
+  ASSERT_EQ(keyframe->links.size(), 1U);
+  EXPECT_EQ(keyframe->links[0].marker, kAnchor);
+  // Nothing is known better than when it joined, but for what all links of the stretch share.
+  const Matrix6d F = rigidTransport(nearer.T_w_c.p - T_w_last.p);
+  const double links = static_cast<double>(options_.views + options_.nearer_views);
+  const auto then =
+      linkTo(kAnchor, T_w_anchor_, nearer.T_w_c, links * F * covariance_ * F.transpose());
+  EXPECT_TRUE(keyframe->links[0].covariance.isApprox(then->covariance, 1e-6));
+  EXPECT_FALSE(mapper_.comeNearer(goTo(0.58), map_)) << "hardly nearer than that";
+  EXPECT_TRUE(mapper_.comeNearer(goTo(0.38), map_));
+  mapper_.endNearing();
+  EXPECT_FALSE(mapper_.comeNearer(goTo(0.2), map_)) << "others are followed by now";
 }
 
 // What has given the map its marker is told of in its links already.

@@ -82,6 +82,20 @@ bool MapUpdater::growAtArrival(const TrackedFrame& frame, CarriedFrame carried, 
   return true;
 }
 
+bool MapUpdater::growAfterGap(const TrackedFrame& frame, std::optional<CarriedFrame> carried,
+                              Map* map) {
+  if (!carried) {
+    gaps_.endNearing();
+    return false;
+  }
+  carried->detections = frame.fitting;
+  const auto keyframe = gaps_.comeNearer(*carried, *map);
+  if (!keyframe) return false;
+  mapper_.insert(*keyframe, map, counters_);
+  ++counters_->linked_nearer;
+  return true;
+}
+
 bool MapUpdater::growByPicture(const AwaitedFrame& frame, const LateResult& seen, Map* map) {
   const auto joint = pictures_.offer(frame, seen, *map);
   if (joint) mapper_.insert(*joint, map, counters_);

@@ -72,6 +72,10 @@ class MapUpdater {
   // Before grow(), of a frame that a bridge ends with. carried: where features alone have it, as
   // seen from the anchor; its detections are the frame's. False where that changes nothing.
   [[nodiscard]] bool growAtArrival(const TrackedFrame& frame, CarriedFrame carried, Map* map);
+  // Before grow(). carried: where features that were followed through the last gap have the camera,
+  // if they still are; its detections are the frame's. False where that changes nothing.
+  [[nodiscard]] bool growAfterGap(const TrackedFrame& frame, std::optional<CarriedFrame> carried,
+                                  Map* map);
   // A picture seen from an earlier frame. False where that changes nothing. Precondition: it is
   // among the map's markers.
   [[nodiscard]] bool growByPicture(const AwaitedFrame& frame, const LateResult& seen, Map* map);

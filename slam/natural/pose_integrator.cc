@@ -108,6 +108,7 @@ bool PoseIntegrator::follow(std::int64_t time_ns, const ImageView& image, const 
     start(time_ns, pose);
   }
   if (goes_on && bridging_) arrival_ = filter_->pose();
+  carried_on_ = goes_on && (carried_on_ || bridging_);
   const VisualUpdate update = filter_->update(image, camera_, markers);
   counters_->wary_frames += update.wary ? 1 : 0;
   if (goes_on && are_few) fused_ = fusedPose(pose, update);
@@ -116,6 +117,12 @@ bool PoseIntegrator::follow(std::int64_t time_ns, const ImageView& image, const 
   ambiguity_ratio_ = pose.ambiguity_ratio;
   giveUpIfAtOdds(update);
   return true;
+}
+
+std::optional<FilteredPose> PoseIntegrator::carriedOn() const {
+  if (!carried_on_ || !running()) return std::nullopt;
+  const FilteredPose pose = filter_->pose();
+  return isFinite(pose) ? std::optional(pose) : std::nullopt;
 }
 
 void PoseIntegrator::giveUpIfAtOdds(const VisualUpdate& update) {

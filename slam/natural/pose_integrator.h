@@ -141,6 +141,9 @@ class PoseIntegrator {
   // Of the last frame, where it was follow()ed right after a bridge: where features alone had the
   // camera in it, as of what the bridge began from.
   [[nodiscard]] const std::optional<FilteredPose>& arrival() const { return arrival_; }
+  // Of the last frame, where it was follow()ed: where features that were followed through a gap,
+  // and have been ever since, have the camera together with the markers in view.
+  [[nodiscard]] std::optional<FilteredPose> carriedOn() const;
   // A frame without one; where the camera is, its covariances relative to the markers it came from.
   // Empty where neither features nor motion say. unplaced: markers in view that the map has no
   // place for.
@@ -229,6 +232,7 @@ class PoseIntegrator {
   std::int64_t few_markers_ns_ = 0;  // the last frame with at most max_markers
   std::int64_t last_seen_ns_ = 0;    // the last frame that markers or features saw
   bool bridging_ = false;            // the last frame's pose was from features
+  bool carried_on_ = false;          // the features' have been once, and they are still followed
   bool too_uncertain_ = false;
   int contradictions_ = 0;               // frames in succession
   int at_odds_ = 0;                      // the same, of giveUpIfAtOdds()

@@ -35,6 +35,21 @@ TEST_F(PoseIntegratorTest, FeaturesCarryThePose) {
   EXPECT_EQ(counters_.filter_restarts, 0U);
 }
 
+TEST_F(PoseIntegratorTest, FeaturesOfAGapAreCarriedOnUntilTheyBeginAnew) {
+  begin();
+  EXPECT_FALSE(integrator_->carriedOn()) << "no gap yet";
+  for (int i = 0; i < 30; ++i) ASSERT_TRUE(step(See::kWallOnly).pose) << i;
+  for (int i = 0; i < 10; ++i) ASSERT_TRUE(step(See::kAll).followed) << i;
+  const auto carried = integrator_->carriedOn();
+  ASSERT_TRUE(carried);
+  const Vector6d e = carried->T_w_c.localCoordinates(truth_);
+  EXPECT_LT(e.dot(carried->covariance.ldlt().solve(e)), 30.0);
+  integrator_->giveUp();
+  EXPECT_FALSE(integrator_->carriedOn());
+  ASSERT_TRUE(step(See::kAll).followed);
+  EXPECT_FALSE(integrator_->carriedOn()) << "others are followed by now";
+}
+
 // Its size tells how far the camera goes.
 TEST_F(PoseIntegratorTest, AMarkerWithoutAPlaceMakesThePoseSurer) {
   const auto sigma_m = [](const PoseEstimate& pose) {

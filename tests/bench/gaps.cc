@@ -49,6 +49,7 @@ struct Arguments {
   double rate_hz = 0.0;
   double duration_s = 0.0;
   bool there_and_back = false;
+  std::string pictures;  // a folder; empty: posters made up from the seed
   bool every_gap = false;
   std::string json;    // a file; empty: none
   std::string keep;    // a folder; empty: none
@@ -123,6 +124,7 @@ Status runOnce(const Arguments& arguments, const Run& run, GapReport* report, Ga
   if (arguments.width > 0) asked.size = simulator::ImageSize{arguments.width, arguments.height};
   if (arguments.rate_hz > 0.0) asked.rate_hz = arguments.rate_hz;
   if (arguments.duration_s > 0.0) asked.duration_s = arguments.duration_s;
+  asked.pictures = arguments.pictures;
   const auto made = simulator::Simulation::create(asked, arguments.there_and_back
                                                              ? simulator::Ending::kClosedLoop
                                                              : simulator::Ending::kOfTheScene);
@@ -247,6 +249,8 @@ int main(int argc, char** argv) {
       ->check(CLI::PositiveNumber);
   app.add_flag("--there-and-back", arguments.there_and_back,
                "End where it began, in the scene's own time for both ways");
+  app.add_option("--pictures", arguments.pictures,
+                 "Photographs of this folder hang there in place of posters");
   app.add_flag("--every-gap", arguments.every_gap, "A line for each, as its run ends");
   app.add_option("--keep", arguments.keep,
                  "Rendered frames are kept in this folder, and taken from there");

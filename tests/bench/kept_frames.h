@@ -25,7 +25,8 @@ class KeptFrames {
     const std::string name = options.scene + "-" + std::to_string(options.seed) + "-" +
                              std::to_string(simulation.camera().width) + "-" +
                              std::to_string(simulation.scene().rate_hz) + "-" +
-                             std::to_string(simulation.frameCount());
+                             std::to_string(simulation.frameCount()) +
+                             (options.pictures.empty() ? "" : "-photographs");
     std::filesystem::create_directories(folder);
     path_ = folder / name;
     const bool whole = std::filesystem::exists(path_);
