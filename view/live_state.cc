@@ -181,16 +181,17 @@ void LiveState::addToTrail(const pose_t& pose) {
 }
 
 template <typename Message>
-PartAdded LiveState::addPart(const Message& part, std::int64_t now_ns, MapParts<Message>* map) {
+io::PartAdded LiveState::addPart(const Message& part, std::int64_t now_ns,
+                                 io::MapParts<Message>* map) {
   heard_ns_ = now_ns;
-  const PartAdded added = map->add(part);
-  if (added == PartAdded::kImpossible) addMalformed();
-  if (added == PartAdded::kWhole) changed(Part::kMap);
+  const io::PartAdded added = map->add(part);
+  if (added == io::PartAdded::kImpossible) addMalformed();
+  if (added == io::PartAdded::kWhole) changed(Part::kMap);
   return added;
 }
 
 void LiveState::add(const map_t& part, std::int64_t now_ns) {
-  const bool is_known = addPart(part, now_ns, &map_) == PartAdded::kKnown;
+  const bool is_known = addPart(part, now_ns, &map_) == io::PartAdded::kKnown;
   // Natural markers come right after each revision: where it comes again and they have not, there
   // are none any more.
   if (is_known && !natural_map_.whole().empty() && natural_map_.revision() != map_.revision()) {

@@ -13,8 +13,8 @@
 
 #include <bot_core/pose_t.hpp>
 
+#include "io/maps/map_parts.h"
 #include "io/text/json_node.h"
-#include "view/map_parts.h"
 #include "view/seen_markers.h"
 #include <waymark/calibration_t.hpp>
 #include <waymark/detections_t.hpp>
@@ -86,7 +86,7 @@ class LiveState {
  private:
   // Of either kind of marker.
   template <typename Message>
-  PartAdded addPart(const Message& part, std::int64_t now_ns, MapParts<Message>* map);
+  io::PartAdded addPart(const Message& part, std::int64_t now_ns, io::MapParts<Message>* map);
 
   // Of one of the last frames, for the preview that comes later.
   struct SeenFrame {
@@ -133,8 +133,8 @@ class LiveState {
   std::array<std::array<std::uint64_t, kLatencyBounds_ms.size() + 1>, 2> latencies_{};
   std::int64_t histogram_since_ns_ = 0;
 
-  MapParts<map_t> map_;
-  MapParts<natural_map_t> natural_map_;
+  io::MapParts<map_t> map_;
+  io::MapParts<natural_map_t> natural_map_;
   std::optional<health_t> health_;
   std::map<std::string, std::int64_t> counters_before_;  // when this daemon was first heard
   std::deque<SeenFrame> seen_;  // of the last frames, the newest at the end

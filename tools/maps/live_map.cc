@@ -4,7 +4,6 @@
 #include <cmath>
 #include <optional>
 #include <set>
-#include <utility>
 
 #include <Eigen/Geometry>
 
@@ -40,74 +39,56 @@ std::optional<io::NaturalMarkerCorners> cornersOf(const natural_marker_t& m) {
   return io::NaturalMarkerCorners{m.name, io::rectangleCorners(*T_w_m, m.width, height_m)};
 }
 
-// By piece of the map; empty where anything is wrong.
-template <typename Corners, typename Message>
-std::optional<std::map<int, std::vector<Corners>>> worldsOf(const Message& part) {
-  if (part.piece < 0 || part.piece >= part.piece_count) return std::nullopt;
-  std::map<int, std::vector<Corners>> worlds;
-  for (const auto& marker : part.markers) {
-    const std::optional<Corners> corners = cornersOf(marker);
-    if (!corners) return std::nullopt;
-    worlds[marker.map_piece].push_back(*corners);
-  }
-  return worlds;
+template <typename Message>
+bool isSound(const Message& part) {
+  return std::ranges::all_of(part.markers,
+                             [](const auto& marker) { return cornersOf(marker).has_value(); });
 }
 
-template <typename Corners>
-std::vector<Corners> inPiece(const std::map<int, std::vector<Corners>>& worlds, int map_piece) {
-  const auto world = worlds.find(map_piece);
-  return world == worlds.end() ? std::vector<Corners>() : world->second;
+// Those in one piece of the map, of all parts, which are sound.
+template <typename Corners, typename Message>
+std::vector<Corners> inPiece(const io::MapParts<Message>& parts, int map_piece) {
+  std::vector<Corners> found;
+  for (const auto& [number, part] : parts.whole()) {
+    for (const auto& marker : part.markers) {
+      if (marker.map_piece == map_piece) found.push_back(*cornersOf(marker));
+    }
+  }
+  return found;
+}
+
+template <typename Message>
+void addPieces(const io::MapParts<Message>& parts, std::set<int>* pieces) {
+  for (const auto& [number, part] : parts.whole()) {
+    for (const auto& marker : part.markers) pieces->insert(marker.map_piece);
+  }
 }
 
 }  // namespace
 
+bool LiveMap::add(const map_t& part) {
+  return isSound(part) && map_.add(part) != io::PartAdded::kImpossible;
+}
+
+bool LiveMap::add(const natural_map_t& part) {
+  return isSound(part) && natural_.add(part) != io::PartAdded::kImpossible;
+}
+
 std::vector<io::MarkerCorners> LiveMap::markers(int map_piece) const {
-  return inPiece(markers_.whole, map_piece);
+  auto found = inPiece<io::MarkerCorners>(map_, map_piece);
+  std::ranges::sort(found, {}, &io::MarkerCorners::id);
+  return found;
 }
 
 std::vector<io::NaturalMarkerCorners> LiveMap::natural(int map_piece) const {
-  return inPiece(natural_.whole, map_piece);
+  return inPiece<io::NaturalMarkerCorners>(natural_, map_piece);
 }
 
 std::vector<int> LiveMap::worlds() const {
   std::set<int> pieces;
-  for (const auto& [piece, markers] : markers_.whole) pieces.insert(piece);
-  for (const auto& [piece, markers] : natural_.whole) pieces.insert(piece);
+  addPieces(map_, &pieces);
+  addPieces(natural_, &pieces);
   return {pieces.begin(), pieces.end()};
-}
-
-template <typename Corners>
-template <typename Message>
-bool LiveMap::Worlds<Corners>::add(const Message& part, ByPiece corners) {
-  if (part.revision != revision) parts.clear();
-  revision = part.revision;
-  parts[part.piece] = std::move(corners);
-  if (std::cmp_less(parts.size(), part.piece_count)) return false;
-  whole.clear();
-  for (const auto& [number, some] : parts) {
-    for (const auto& [piece, more] : some) {
-      std::vector<Corners>& world = whole[piece];
-      world.insert(world.end(), more.begin(), more.end());
-    }
-  }
-  return true;
-}
-
-bool LiveMap::add(const map_t& part) {
-  auto corners = worldsOf<io::MarkerCorners>(part);
-  if (!corners) return false;
-  if (!markers_.add(part, std::move(*corners))) return true;
-  for (auto& [piece, markers] : markers_.whole) {
-    std::ranges::sort(markers, {}, &io::MarkerCorners::id);
-  }
-  return true;
-}
-
-bool LiveMap::add(const natural_map_t& part) {
-  auto corners = worldsOf<io::NaturalMarkerCorners>(part);
-  if (!corners) return false;
-  (void)natural_.add(part, std::move(*corners));
-  return true;
 }
 
 }  // namespace waymark::tools

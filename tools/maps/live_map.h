@@ -1,11 +1,10 @@
 // The map as subscribers to WAYMARK_MAP and WAYMARK_NATURAL_MAP put it together from its parts.
 #pragma once
 
-#include <cstdint>
-#include <map>
 #include <vector>
 
 #include "io/maps/map_file.h"
+#include "io/maps/map_parts.h"
 #include <waymark/map_t.hpp>
 #include <waymark/natural_map_t.hpp>
 
@@ -26,22 +25,8 @@ class LiveMap {
   [[nodiscard]] std::vector<int> worlds() const;
 
  private:
-  // What comes in parts, by piece of the map.
-  template <typename Corners>
-  struct Worlds {
-    using ByPiece = std::map<int, std::vector<Corners>>;
-
-    std::int64_t revision = 0;              // the one being put together
-    std::map<std::int32_t, ByPiece> parts;  // of it
-    ByPiece whole;
-
-    // Whether the revision is whole with it.
-    template <typename Message>
-    bool add(const Message& part, ByPiece corners);
-  };
-
-  Worlds<io::MarkerCorners> markers_;
-  Worlds<io::NaturalMarkerCorners> natural_;
+  io::MapParts<map_t> map_;
+  io::MapParts<natural_map_t> natural_;
 };
 
 }  // namespace waymark::tools

@@ -7,7 +7,7 @@
 #include <optional>
 #include <utility>
 
-namespace waymark::view {
+namespace waymark::io {
 
 enum class PartAdded { kImpossible, kNotWholeYet, kKnown, kWhole };
 
@@ -47,4 +47,4 @@ class MapParts {
   std::map<std::int32_t, Message> whole_;
 };
 
-}  // namespace waymark::view
+}  // namespace waymark::io
