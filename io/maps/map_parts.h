@@ -1,5 +1,5 @@
-// A map as it comes over a network: in parts, each with `revision`, `piece` and `piece_count`. It
-// is there when all parts of one revision are.
+// A map as it comes over a network: in parts, each with `revision`, `utime`, `piece` and
+// `piece_count`. It is there when all parts of one revision are.
 #pragma once
 
 #include <cstdint>
@@ -19,11 +19,8 @@ class MapParts {
         part.piece >= part.piece_count) {
       return PartAdded::kImpossible;
     }
-    if (revision() == part.revision) return PartAdded::kKnown;
-    if (!coming_.empty() && (coming_.begin()->second.revision != part.revision ||
-                             coming_.begin()->second.piece_count != part.piece_count)) {
-      coming_.clear();
-    }
+    if (isOf(whole_, part)) return PartAdded::kKnown;
+    if (!isOf(coming_, part)) coming_.clear();
     coming_[part.piece] = part;
     if (std::cmp_less(coming_.size(), part.piece_count)) return PartAdded::kNotWholeYet;
     whole_ = std::exchange(coming_, {});
@@ -42,9 +39,18 @@ class MapParts {
 
  private:
   static constexpr std::int32_t kMostParts = 200;  // anybody can send
+  using Parts = std::map<std::int32_t, Message>;
 
-  std::map<std::int32_t, Message> coming_;
-  std::map<std::int32_t, Message> whole_;
+  // A daemon that starts anew counts its revisions from the beginning: the time tells them apart.
+  static bool isOf(const Parts& parts, const Message& part) {
+    if (parts.empty()) return false;
+    const Message& first = parts.begin()->second;
+    return first.revision == part.revision && first.utime == part.utime &&
+           first.piece_count == part.piece_count;
+  }
+
+  Parts coming_;
+  Parts whole_;
 };
 
 }  // namespace waymark::io

@@ -95,6 +95,17 @@ TEST(LiveMap, AnIncompleteRevisionLeavesTheOneBefore) {
   EXPECT_EQ(map.markers()[0].id, 1);
 }
 
+// It counts its revisions from the beginning.
+TEST(LiveMap, ADaemonThatStartsAnewHasAnotherMap) {
+  LiveMap map;
+  EXPECT_TRUE(map.add(pieceOf(1, 0, 1, {markerAt(9, 1.0)})));
+  map_t anew = pieceOf(1, 0, 1, {markerAt(4, 1.0)});
+  anew.utime = 5'000'000;
+  EXPECT_TRUE(map.add(anew));
+  ASSERT_EQ(map.markers().size(), 1U);
+  EXPECT_EQ(map.markers()[0].id, 4);
+}
+
 TEST(LiveMap, RejectsImpossibleNumbers) {
   LiveMap map;
   marker_t no_rotation = markerAt(1, 0.0);
