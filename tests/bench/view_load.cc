@@ -204,8 +204,11 @@ void print(const char* what, const Row& row) {
 
 bool waitUntil(const std::function<bool()>& holds) {
   constexpr int kTries = 600;
-  for (int i = 0; i < kTries && !holds(); ++i) std::this_thread::sleep_for(milliseconds(100));
-  return holds();
+  for (int i = 0; i < kTries; ++i) {
+    if (holds()) return true;
+    std::this_thread::sleep_for(milliseconds(100));
+  }
+  return false;
 }
 
 int run(const Arguments& arguments) {
