@@ -1,6 +1,7 @@
 #include "slam/mapping/gap_mapper.h"
 
 #include <algorithm>
+#include <cmath>
 #include <utility>
 
 #include <Eigen/Cholesky>
@@ -29,6 +30,8 @@ std::string GapMapperOptions::invalidReason() const {
       {nearer_share > 0.0 && nearer_share < 1.0,
        "nearer views must be from a share of the distance"},
       {isPositive(out_of_sight_s), "the time until a marker is out of sight must be positive"},
+      {isPositive(most_carried_sigmas),
+       "how far carried poses may be off must be a positive number of standard deviations"},
       {isPositive(max_pause_s), "the pause between carried views must be positive"},
   });
 }
@@ -172,24 +175,49 @@ std::optional<GapJoint> GapMapper::decide(const Sighting& sighting, const MapMar
   return joint;
 }
 
+Eigen::Matrix3d GapMapper::LoneView::carriedCovariance() const {
+  const Matrix6d T = rigidTransport(place() - view->T_w_c.p);
+  return (T * view->covariance * T.transpose()).topLeftCorner<3, 3>();
+}
+
+auto GapMapper::loneViews(const Sighting& sighting) const -> std::vector<LoneView> {
+  std::vector<LoneView> all;
+  for (const View& view : sighting.views) {
+    const auto pose = estimateSquarePose(view.detection, markers_.sizeOf(view.detection.id),
+                                         focal_px_, resolver_.square);
+    if (pose) all.push_back({&view, *pose});
+  }
+  return all;
+}
+
+bool GapMapper::explainedByCarriedPoses(const LoneView& a, const LoneView& b) const {
+  const Eigen::Vector3d apart = a.place() - b.place();
+  const Eigen::Vector3d along = apart.normalized();
+  // What both have in common moves them alike: at most this.
+  const double variance = along.dot((a.carriedCovariance() + b.carriedCovariance()) * along);
+  return apart.norm() <= options_.most_carried_sigmas * std::sqrt(variance);
+}
+
 std::optional<GapJoint> GapMapper::decideAlone(const Sighting& sighting,
                                                const MapMarker& anchor) const {
-  const View* clearest = nullptr;
-  SquarePose pose{.ratio = resolver_.ambiguity_ratio};
-  for (const View& view : sighting.views) {
-    const auto alone = estimateSquarePose(view.detection, markers_.sizeOf(view.detection.id),
-                                          focal_px_, resolver_.square);
-    if (!alone || !alone->unambiguous(pose.ratio)) continue;
-    clearest = &view;
-    pose = *alone;
+  const std::vector<LoneView> all = loneViews(sighting);
+  const auto clearest =
+      std::ranges::max_element(all, {}, [](const LoneView& lone) { return lone.pose.ratio; });
+  if (clearest == all.end() || !clearest->pose.unambiguous(resolver_.ambiguity_ratio)) {
+    return std::nullopt;
   }
-  if (clearest == nullptr) return std::nullopt;
-  auto keyframe = keyframeOf(*clearest, anchor, 1);
+  if (!std::ranges::all_of(
+          all, [&](const LoneView& other) { return explainedByCarriedPoses(*clearest, other); })) {
+    return std::nullopt;
+  }
+  const View& view = *clearest->view;
+  const SquarePose& pose = clearest->pose;
+  auto keyframe = keyframeOf(view, anchor, 1);
   if (!keyframe) return std::nullopt;
   GapJoint joint;
-  joint.marker = {clearest->detection.id, clearest->T_w_c * pose.T_c_m[0], {}};
+  joint.marker = {view.detection.id, view.T_w_c * pose.T_c_m[0], {}};
   if (!pose.unambiguous(resolver_.final_ratio)) {
-    joint.marker.other_T_w_m = clearest->T_w_c * pose.T_c_m[1];
+    joint.marker.other_T_w_m = view.T_w_c * pose.T_c_m[1];
   }
   joint.keyframes.push_back(std::move(*keyframe));
   return joint;

@@ -25,6 +25,7 @@
 #include "slam/map/map.h"
 #include "slam/map/marker_options.h"
 #include "slam/marker_pose/marker_resolver.h"
+#include "slam/marker_pose/square_pose.h"
 
 namespace waymark::slam {
 
@@ -43,6 +44,11 @@ struct GapMapperOptions {
   double nearer_share = 0.7;
   // So long, seconds, a marker has not been seen when it is out of sight.
   double out_of_sight_s = 0.2;
+  // Views that contradict each other place a marker by the clearest of them only where carried
+  // poses may be to blame: where none has the marker further from there than so many standard
+  // deviations of what is carried. Else it is the square that is not what it seems: of another
+  // size, a photograph that reads as a marker, or one that moves.
+  double most_carried_sigmas = 5.0;
   // Views that are further apart in time than this, seconds, are not of one stretch.
   double max_pause_s = 1.0;
 
@@ -133,8 +139,21 @@ class GapMapper {
                                    const Transform& T_w_c) const;
   [[nodiscard]] std::optional<GapJoint> decide(const Sighting& sighting, const MapMarker& anchor,
                                                double residual_sigma) const;
+  // Where no pose of the marker explains all views, but each view has one.
   [[nodiscard]] std::optional<GapJoint> decideAlone(const Sighting& sighting,
                                                     const MapMarker& anchor) const;
+  // What one view, without the others, says.
+  struct LoneView {
+    const View* view = nullptr;
+    SquarePose pose;
+
+    // Of the marker, world frame.
+    [[nodiscard]] Eigen::Vector3d place() const { return view->T_w_c * pose.T_c_m[0].p; }
+    // Of that, what is due to the camera's carried pose.
+    [[nodiscard]] Eigen::Matrix3d carriedCovariance() const;
+  };
+  [[nodiscard]] std::vector<LoneView> loneViews(const Sighting& sighting) const;
+  [[nodiscard]] bool explainedByCarriedPoses(const LoneView& a, const LoneView& b) const;
   // joined: keyframes that the marker joins with, which have the stretch's drift in common with
   // each other and with the nearer ones to come.
   [[nodiscard]] std::optional<Keyframe> keyframeOf(const View& view, const MapMarker& anchor,

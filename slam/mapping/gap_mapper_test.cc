@@ -49,6 +49,16 @@ class GapMapperTest : public ::testing::Test {
     return 0;
   }
 
+  // 0.1 m apart, but for features twice as far.
+  void lookTooFar() {
+    for (int i = 1; i <= 12 && !joint_; ++i) {
+      const double way_m = 0.1 * i;
+      Vector6d too_far = Vector6d::Zero();
+      too_far.x() = way_m;
+      joint_ = look(2.5 + way_m, too_far);
+    }
+  }
+
   std::mt19937 rng_{7};
   CameraModel camera_{testing::testCalibration()};
   Transform T_w_anchor_ = testing::markerFacing({0.0, 1.5, 0.1}, {0.2, 0.0, 0.0});
@@ -89,15 +99,11 @@ TEST_F(GapMapperTest, ANewMarkerComesWithLinksToTheAnchor) {
   }
 }
 
-// Its scale has drifted: the camera is carried twice as far as it goes. No pose of the marker
-// explains that, but each view has one.
+// Its scale has drifted, as it may: the camera is carried twice as far as it goes. No pose of the
+// marker explains that, but each view has one.
 TEST_F(GapMapperTest, CarriedPosesAtOddsWithThemselvesGiveTheClearestView) {
-  for (int i = 1; i <= 12 && !joint_; ++i) {
-    const double way_m = 0.1 * i;
-    Vector6d too_far = Vector6d::Zero();
-    too_far.x() = way_m;
-    joint_ = look(2.5 + way_m, too_far);
-  }
+  covariance_(0, 0) = 0.3 * 0.3;
+  lookTooFar();
   ASSERT_TRUE(joint_);
   ASSERT_EQ(joint_->keyframes.size(), 1U);
   const Keyframe& keyframe = joint_->keyframes.front();
@@ -113,6 +119,12 @@ TEST_F(GapMapperTest, CarriedPosesAtOddsWithThemselvesGiveTheClearestView) {
   const double links = static_cast<double>(1 + options_.nearer_views);
   const auto link = linkTo(kAnchor, T_w_anchor_, keyframe.T_w_c, covariance_);
   EXPECT_TRUE(keyframe.links[0].covariance.isApprox(links * link->covariance));
+}
+
+// The same where features know the camera's place to 2 mm: what is seen is no marker of that size.
+TEST_F(GapMapperTest, ASquareThatPreciseCarriedPosesContradictIsNone) {
+  lookTooFar();
+  EXPECT_FALSE(joint_);
 }
 
 // Three views decide, and there will be no more of them.
