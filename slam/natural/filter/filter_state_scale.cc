@@ -12,9 +12,9 @@ namespace {
 // The scale's direction is not followed where a standard deviation of it has moved no coordinate by
 // more than this: metres, metres per second, 1 / metres.
 constexpr double kNegligible = 1e-5;
-// Depths that are each unknown by themselves tell no scale: their mean has to be in doubt by so many
-// times what each one's own error leaves of it, as variances. With 8 the first half second of a
-// start, where each depth is a guess, was followed: the pose in front of a table was lost.
+// Depths that are each unknown by themselves tell no scale: their mean has to be in doubt by so
+// many times what each one's own error leaves of it, as variances. With 8 the first half second of
+// a start, where each depth is a guess, was followed: the pose in front of a table was lost.
 constexpr double kInCommon = 16.0;
 constexpr double kOneDepth = 1.0 + 1e-9;  // what it has in common with others it does not show
 constexpr double kExact = 1e-12;          // no depth is known better than to a part in a million
