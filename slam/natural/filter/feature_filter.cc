@@ -105,7 +105,6 @@ FeatureFilter::FeatureFilter(const FeatureFilterOptions& options)
   moved_.assign(static_cast<std::size_t>(maxState(options)), 0.0);
   step_.assign(static_cast<std::size_t>(maxState(options)), 0.0);
   row_.assign(static_cast<std::size_t>(maxState(options)), 0.0);
-  lot_.row.assign(row_.size(), 0.0);
 }
 
 void FeatureFilter::start(const Transform& T_w_c, const Matrix6d& covariance) {
@@ -378,15 +377,18 @@ void FeatureFilter::adaptNoise(std::span<const FeatureMatch> matches) {
                             options_.max_noise_scale);
 }
 
-double FeatureFilter::meanInverseDepth(std::span<const int> features) {
+int FeatureFilter::addFeatureLike(std::span<const int> others, int anchor,
+                                  const Eigen::Vector2d& uv, const Eigen::Matrix2d& uv_covariance,
+                                  double rho_sigma_ratio) {
+  state_.compact();
   std::fill(row_.begin(), row_.end(), 0.0);
-  const double share = 1.0 / static_cast<double>(features.size());
+  const double share = 1.0 / static_cast<double>(others.size());
   double rho = 0.0;
-  for (const int k : features) {
-    const StateFeature& feature = state_.features()[static_cast<std::size_t>(k)];
+  for (const int other : others) {
+    const StateFeature& feature = state_.features()[static_cast<std::size_t>(other)];
     const StatePose& pose = state_.poses()[static_cast<std::size_t>(feature.pose)];
     const auto view = viewDepth(state_.camera(), pose.T_w_s, feature);
-    if (!view) return 0.0;
+    if (!view) return -1;
     rho += share * view->rho;
     Eigen::Map<Eigen::Matrix<double, 1, 6>> by_pose(row_.data() + pose.offset);
     Eigen::Map<Eigen::Matrix<double, 1, 6>> by_camera(row_.data());
@@ -395,37 +397,9 @@ double FeatureFilter::meanInverseDepth(std::span<const int> features) {
     by_camera -= share * view->J_pose;
     by_feature += share * view->J_feature;
   }
-  return rho;
-}
-
-int FeatureFilter::addFeatureLike(std::span<const int> others, int anchor,
-                                  const Eigen::Vector2d& uv, const Eigen::Matrix2d& uv_covariance,
-                                  const DepthDoubt& doubt) {
-  state_.compact();
-  const double rho = meanInverseDepth(others);
   if (!(rho > 0.0)) return -1;
-  const std::uint64_t tag = state_.poses()[static_cast<std::size_t>(anchor)].tag;
-  const bool of_lot = lot_.anchor == tag && lot_.state_size == state_.size();
-  double own = doubt.sigma_ratio;
-  if (of_lot) {
-    // As far from its mean as the lot's first one is from its own, as a share of it.
-    const double by_first = doubt.in_common * rho / lot_.rho;
-    for (std::size_t i = 0; i < row_.size(); ++i) row_[i] -= by_first * lot_.row[i];
-    const StateFeature& first = state_.features()[static_cast<std::size_t>(lot_.first)];
-    row_[static_cast<std::size_t>(first.offset) + 2] += by_first;
-    own *= std::sqrt(1.0 - doubt.in_common * doubt.in_common);
-  }
-  const int place =
-      state_.addFeature(anchor, uv, rho, featureCovariance(uv_covariance, own * rho), row_.data());
-  if (place < 0) return -1;
-  if (!of_lot) {
-    lot_.anchor = tag;
-    lot_.first = place;
-    lot_.rho = rho;
-    std::copy(row_.begin(), row_.end(), lot_.row.begin());
-  }
-  lot_.state_size = state_.size();
-  return place;
+  return state_.addFeature(anchor, uv, rho, featureCovariance(uv_covariance, rho_sigma_ratio * rho),
+                           row_.data());
 }
 
 void FeatureFilter::removeEmptyAnchors() {

@@ -175,21 +175,13 @@ class FeatureFilter {
                                const Eigen::Matrix3d& covariance) {
     return state_.addFeature(anchor, uv, rho, covariance);
   }
-  // How far a new feature's inverse depth may be from what it is taken to be.
-  struct DepthDoubt {
-    double sigma_ratio = 0.0;  // in units of that
-    // What features have of it in common that are added to one anchor right after each other, as a
-    // share of the standard deviation: they hang on the same wall. Counted as each one's own, fifty
-    // of them would tell the scale to a seventh of the ratio.
-    double in_common = 0.0;
-  };
   // One that is taken to be as deep as the mean of others: their inverse depth in the camera as it
   // is, which the anchor is a copy of. What is not known of theirs is not known of its own either,
-  // beside the doubt: it tells nothing about the scale of what is there. -1, too, when that is no
-  // depth in front of the camera. Precondition: at least one other.
+  // beside what the covariance adds: it tells nothing about the scale of what is there. -1, too,
+  // when that is no depth in front of the camera. Precondition: at least one other.
   [[nodiscard]] int addFeatureLike(std::span<const int> others, int anchor,
                                    const Eigen::Vector2d& uv, const Eigen::Matrix2d& uv_covariance,
-                                   const DepthDoubt& doubt);
+                                   double rho_sigma_ratio);
   void removeFeature(int feature) { state_.removeFeature(feature); }
   // Anchors without features.
   void removeEmptyAnchors();
@@ -240,9 +232,6 @@ class FeatureFilter {
   bool observeCorners(int place, const std::array<Eigen::Vector3d, 4>& corners_m,
                       const MarkerDetection& detection, MarkerOutcome* outcome);
   void adaptNoise(std::span<const FeatureMatch> matches);
-  // Mean inverse depth of features in the camera, and row_, its derivative; 0 where one is not in
-  // front of it.
-  double meanInverseDepth(std::span<const int> features);
   void measure(const FeatureMatch& match);
   // The consensus of measurements_; whether there is one of that size.
   bool believeMost(const CameraModel& camera, std::span<const FeatureMatch> matches, int least,
@@ -287,16 +276,6 @@ class FeatureFilter {
   std::vector<double> moved_;  // from where the update began
   std::vector<double> step_;
   std::vector<double> row_;  // a derivative by all coordinates
-  // The features that were added last, to one anchor and without anything in between: the first of
-  // them, and the mean that it was taken to be as deep as, with its derivative.
-  struct Lot {
-    std::uint64_t anchor = 0;
-    int state_size = 0;  // since the last of them
-    int first = -1;
-    double rho = 0.0;
-    std::vector<double> row;
-  };
-  Lot lot_;
   std::vector<double> distances_;
 };
 

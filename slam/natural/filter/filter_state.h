@@ -178,12 +178,9 @@ class FilterState {
     return {P_.data() + static_cast<std::ptrdiff_t>(column) * stride_ + row, rows, columns,
             Eigen::OuterStride<>(stride_)};
   }
-  // What tells the scale's part of an error: gauge_, a mean over depths.
-  struct Gauge {
-    double variance = 0.0;  // of that part, if each depth were in error by itself
-    double depths = 0.0;    // so many, known equally well, would have such a mean
-  };
-  Gauge findGauge();
+  // What tells the scale's part of an error: gauge_. The variance of that part if each depth were
+  // in error by itself.
+  double findGauge();
   // What that has in common with all coordinates, shared_; its variance.
   double findShared();
   // Both, zeros where no scale is in doubt but single depths; the scale's variance.

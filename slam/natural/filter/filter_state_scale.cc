@@ -12,12 +12,10 @@ namespace {
 // The scale's direction is not followed where a standard deviation of it has moved no coordinate by
 // more than this: metres, metres per second, 1 / metres.
 constexpr double kNegligible = 1e-5;
-// Depths that are each unknown by themselves tell no scale: their mean has to be in doubt by so
-// many times what each one's own error leaves of it, as variances. With 8 the first half second of
-// a start, where each depth is a guess, was followed: the pose in front of a table was lost.
-constexpr double kInCommon = 16.0;
-constexpr double kOneDepth = 1.0 + 1e-9;  // what it has in common with others it does not show
-constexpr double kExact = 1e-12;          // no depth is known better than to a part in a million
+// Depths that are each unknown by themselves tell no scale: what they have in common is so many
+// times what would be left of their mean, as variances.
+constexpr double kInCommon = 8.0;
+constexpr double kExact = 1e-12;  // no depth is known better than to a part in a million
 
 // column += a u + b q
 WAYMARK_VECTORIZED void add(double a, const double* u, double b, const double* q, int n,
@@ -33,33 +31,25 @@ bool growsWithScale(const StatePose& pose) {
 }  // namespace
 
 // The mean of the inverse depths' logarithms, weighed by how well each is known.
-FilterState::Gauge FilterState::findGauge() {
+double FilterState::findGauge() {
   gauge_.assign(static_cast<std::size_t>(size_), 0.0);
   double weights = 0.0;
-  double squares = 0.0;
   for (const StateFeature& feature : features_) {
     if (feature.offset < 0 || !(feature.rho > 0.0)) continue;
     const int at = feature.offset + 2;
     const double weight = 1.0 / std::max(kExact, P(at, at) / (feature.rho * feature.rho));
     gauge_[static_cast<std::size_t>(at)] = -weight / feature.rho;
     weights += weight;
-    squares += weight * weight;
   }
-  if (!(weights > 0.0)) return {};
+  if (!(weights > 0.0)) return 0.0;
   for (double& g : gauge_) g /= weights;
-  return {.variance = 1.0 / weights, .depths = weights * weights / squares};
+  return 1.0 / weights;
 }
 
 double FilterState::findCommonScale() {
-  const Gauge gauge = findGauge();
+  const double of_their_own = findGauge();
   const double variance = findShared();
-  // Of n depths, each in error by c in common and o of its own, the mean's variance is c + o / n,
-  // and (c + o) / n if all of it were their own. So few of them show it, too: six that are known to
-  // 15 %, all of it in common, are not known to 6 %.
-  if (gauge.depths > kOneDepth) {
-    const double own = (gauge.variance - variance / gauge.depths) / (1.0 - 1.0 / gauge.depths);
-    if (variance > kInCommon * own) return variance;
-  }
+  if (variance > kInCommon * of_their_own) return variance;
   std::fill(gauge_.begin(), gauge_.end(), 0.0);
   std::fill(shared_.begin(), shared_.end(), 0.0);
   return 0.0;

@@ -43,7 +43,6 @@ std::string FeatureManagementOptions::invalidReason() const {
       {isPositive(first_depth_sigma_ratio), "first_depth_sigma_ratio must be positive"},
       {isPositive(marker_depth_sigma_ratio), "marker_depth_sigma_ratio must be positive"},
       {isPositive(depth_sigma_ratio), "depth_sigma_ratio must be positive"},
-      {isShare(depth_sigma_in_common), "depth_sigma_in_common must be 0 to 1"},
       {isPositive(search_sigmas), "search_sigmas must be positive"},
       {isPositive(max_search_px), "max_search_px must be positive"},
       {isNotNegative(systematic_s), "systematic_s must not be negative"},
@@ -334,17 +333,15 @@ int VisualFilter::addAtLikelyDepth(const NewFeature& feature, const Eigen::Vecto
     }
   }
   if (distance2.back() < std::numeric_limits<double>::max()) {
-    return filter_.addFeatureLike(
-        nearest, anchor, feature.uv, feature.uv_covariance,
-        {options_.features.depth_sigma_ratio, options_.features.depth_sigma_in_common});
+    return filter_.addFeatureLike(nearest, anchor, feature.uv, feature.uv_covariance,
+                                  options_.features.depth_sigma_ratio);
   }
   const bool at_markers = marker_depth_m_ > 0.0;
   const double ratio = at_markers ? options_.features.marker_depth_sigma_ratio
                                   : options_.features.first_depth_sigma_ratio;
   // A guess is one for all of them.
   if (first >= 0 && !assumes_scale_) {
-    return filter_.addFeatureLike({&first, 1}, anchor, feature.uv, feature.uv_covariance,
-                                  {.sigma_ratio = ratio});
+    return filter_.addFeatureLike({&first, 1}, anchor, feature.uv, feature.uv_covariance, ratio);
   }
   const double rho = 1.0 / likelyDepth_m();
   return filter_.addFeature(anchor, feature.uv, rho,

@@ -70,10 +70,6 @@ struct FeatureManagementOptions {
   // they suggest is no measurement: little of it is enough to bend the scale where hardly anything
   // moves sideways (along a corridor, 0.5 let it drift by a fifth in ten metres, at random).
   double depth_sigma_ratio = 3.0;
-  // What the features of a lot have of that in common, as a share (FeatureFilter::DepthDoubt). With
-  // 0.7 or less a turn on the spot in front of a bare wall told a scale that it had lost; more than
-  // this changes nothing.
-  double depth_sigma_in_common = 0.9;
   // Half sizes of the search ellipses in standard deviations, and at most in pixels of the image.
   double search_sigmas = 3.0;
   double max_search_px = 40.0;
