@@ -126,18 +126,56 @@ struct Settled {
   double sigma = 1.0;  // of the residuals
 };
 
-// In two runs, the second one with the noise as it is through the better lens. Empty where there is
-// no optimum.
-Task<std::optional<Settled>> settle(BundleProblem problem, const BundleOptions& options,
-                                    Budget* budget) {
-  BundleAdjuster roughly(std::move(problem), ungated(options));
-  const BundleSummary rough = co_await roughly.run(budget);
-  if (rough.failed) co_return std::nullopt;
-  std::optional<Settled> settled({.adjuster = BundleAdjuster(roughly.problem(), options)});
+// With the noise as it was told, and all views. Empty where there is no optimum.
+Task<std::optional<BundleAdjuster>> settleRoughly(BundleProblem problem,
+                                                  const BundleOptions& options, Budget* budget) {
+  std::optional<BundleAdjuster> roughly(BundleAdjuster(std::move(problem), ungated(options)));
+  const BundleSummary summary = co_await roughly->run(budget);
+  if (summary.failed) co_return std::nullopt;
+  co_return roughly;
+}
+
+// From there, with the noise as it is through the better lens. Empty where there is no optimum.
+Task<std::optional<Settled>> settleFrom(const BundleProblem& rough, const BundleOptions& options,
+                                        Budget* budget) {
+  std::optional<Settled> settled({.adjuster = BundleAdjuster(rough, options)});
   const BundleSummary summary = co_await settled->adjuster.run(budget);
   if (summary.failed) co_return std::nullopt;
   settled->sigma = summary.residual_sigma;
   co_return settled;
+}
+
+// Both runs.
+Task<std::optional<Settled>> settle(BundleProblem problem, const BundleOptions& options,
+                                    Budget* budget) {
+  const std::optional<BundleAdjuster> roughly =
+      co_await settleRoughly(std::move(problem), options, budget);
+  if (!roughly) co_return std::nullopt;
+  std::optional<Settled> settled = co_await settleFrom(roughly->problem(), options, budget);
+  co_return settled;
+}
+
+double chi2Between(const CameraModel& camera, const IntrinsicMatrix& covariance,
+                   const CameraModel& other) {
+  if (camera.calibration().model != other.calibration().model) {
+    return std::numeric_limits<double>::infinity();
+  }
+  const IntrinsicVector difference = camera.intrinsics() - other.intrinsics();
+  return difference.dot(covariance.ldlt().solve(difference));
+}
+
+// What was found from there is the lens in use, as far as anyone can tell.
+Task<bool> agreesWithLensInUse(const LensProblem& lens, const BundleProblem& before,
+                               BundleAdjuster* found, Budget* budget) {
+  if (!(lens.agrees_chi2 > 0.0)) co_return false;
+  const std::optional<GlobalMatrix> covariance = co_await found->globalsCovariance(budget);
+  if (!covariance) co_return false;
+  // It is scaled by the noise as it is through the lens in use, however wrong that is.
+  const double noise =
+      rootMedian(squaredErrors(found->problem())) / rootMedian(squaredErrors(before));
+  const double chi2 = chi2Between(found->problem().lens->camera,
+                                  noise * noise * covariance->topLeftCorner<9, 9>(), lens.in_use);
+  co_return chi2 < lens.agrees_chi2;
 }
 
 // Through the lens in use, with the map as that has it: in as many iterations as another lens gets.
@@ -210,12 +248,16 @@ Task<std::optional<LensEstimate>> estimateLens(const Map& map, const MarkerOptio
   Subproblem part = co_await buildSubproblem(map, std::move(members), markers, budget);
   if (lens.markers_held) holdMarkers(&part);
   if (!lens.readout_known) freeReadout(map, lens.readout_s, lens.in_use, &part);
+  BundleProblem in_use = part.problem;
   freeLens(lens.in_use, lens, &part.problem);
+  std::optional<BundleAdjuster> roughly = co_await settleRoughly(part.problem, options, budget);
+  if (!roughly) co_return std::nullopt;
+  const bool agrees = co_await agreesWithLensInUse(lens, part.problem, &*roughly, budget);
+  if (agrees) co_return std::nullopt;
+  holdLens(lens.in_use, lens, &in_use);
   // What another readout time explains as well is not the lens': so the one in use is tried with
   // that, too, where nobody knows it.
-  BundleProblem in_use = part.problem;
   if (!lens.readout_known) {
-    holdLens(lens.in_use, lens, &in_use);
     BundleAdjuster held(in_use, ungated(options));
     const BundleSummary of_held = co_await held.run(budget);
     if (!of_held.failed) in_use = held.problem();
@@ -225,7 +267,7 @@ Task<std::optional<LensEstimate>> estimateLens(const Map& map, const MarkerOptio
   if (lens.perhaps_bent && !part.problem.cameras.empty()) {
     chi2_beyond_bend = co_await chi2BeyondBend(part.problem, lens, ungated(options), budget);
   }
-  std::optional<Settled> settled = co_await settle(std::move(part.problem), options, budget);
+  std::optional<Settled> settled = co_await settleFrom(roughly->problem(), options, budget);
   if (!settled) co_return std::nullopt;
   const CameraModel& found = settled->adjuster.problem().lens->camera;
   const CameraModel expected = lens.prior.expectedGiven(lens.expected, found);
@@ -274,11 +316,7 @@ Task<std::optional<LensComparison>> compareLens(const CameraModel& other, const 
 }
 
 double lensChange(const LensEstimate& estimate, const CameraModel& in_use) {
-  if (estimate.camera.calibration().model != in_use.calibration().model) {
-    return std::numeric_limits<double>::infinity();
-  }
-  const IntrinsicVector difference = estimate.camera.intrinsics() - in_use.intrinsics();
-  return difference.dot(estimate.covariance.ldlt().solve(difference));
+  return chi2Between(estimate.camera, estimate.covariance, in_use);
 }
 
 }  // namespace waymark::slam

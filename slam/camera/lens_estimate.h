@@ -52,12 +52,15 @@ struct LensProblem {
   bool markers_held = false;
   // Unless they are not, and that is what looks like another lens: tried beside it.
   bool perhaps_bent = false;
+  // An estimate that is no further than this from the lens in use after its first half, as
+  // chi-square of the intrinsics, is not gone on with: it agrees. 0: none is.
+  double agrees_chi2 = 0.0;
   // The lens is that of the keyframes since then, nanoseconds (monotonic); no others take part.
   std::int64_t since_ns = std::numeric_limits<std::int64_t>::min();
 };
 
 // The map stays as it is. What is given by reference must outlive the task. Empty where there is no
-// optimum.
+// optimum, and where it agrees with the lens in use.
 Task<std::optional<LensEstimate>> estimateLens(const Map& map, const MarkerOptions& markers,
                                                LensProblem lens, BundleOptions options,
                                                Budget* budget);

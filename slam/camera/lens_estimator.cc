@@ -37,6 +37,7 @@ LensProblem LensEstimator::problemOf(const RollingShutterEstimator& shutter) con
           .max_keyframes = options_.max_keyframes,
           .any_model = !options_.given,
           .any_beginning = knowledge_->state == LensState::kLearning,
+          .agrees_chi2 = knowledge_->state == LensState::kGiven ? options_.agrees_chi2 : 0.0,
           .since_ns = knowledge_->since_ns};
 }
 
@@ -78,6 +79,8 @@ std::optional<Transform> LensEstimator::collect(const RollingShutterEstimator& s
     const std::optional<LensEstimate> found = estimate_->take();
     estimate_.reset();
     contradicted_ = found && lensChange(*found, *camera_) > options_.min_chi2;
+    // What agrees is asked again when the map has grown twice as much.
+    if (!found) next_keyframes_ = static_cast<int>(options_.growth * next_keyframes_);
     if (!found || !believes(*found, *map)) {
       const bool is_old = found && found->correction.epoch != map->epoch();
       if (dated_anew_ && is_old) next_keyframes_ = static_cast<int>(map->keyframes().size());

@@ -121,6 +121,22 @@ TEST_F(LensEstimatorTest, ARightLensStaysAsItWasGiven) {
   }
 }
 
+// What it costs is counted in slices.
+TEST_F(LensEstimatorTest, ARightLensIsSoonSeenToBeRight) {
+  see(truth_);
+  LensOptions options;
+  options.urgent_cost = 0.0;
+  LensEstimator estimator = this->estimator(options);
+  const int of_right = workUntilDone(1.0, &estimator);
+  options.agrees_chi2 = 0.0;
+  LensEstimator thorough = this->estimator(options);
+  const int of_all = workUntilDone(1.0, &thorough);
+  EXPECT_LT(of_right, of_all);
+  EXPECT_FALSE(estimator.inDoubt(map_));
+  EXPECT_FALSE(estimator.collect(shutter_, kBundle, &map_));
+  EXPECT_EQ(knowledge_.state, LensState::kGiven);
+}
+
 TEST_F(LensEstimatorTest, IsOffWhereTheCalibrationIsExact) {
   see(shifted(truth_, -0.02, -0.05, 8.0));
   LensOptions options;

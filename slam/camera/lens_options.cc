@@ -39,7 +39,7 @@ std::string LensOptions::invalidReason() const {
           {isNotNegative(urgent_cost), "the work of a lens in a frame must not be negative"},
           {growth > 1.0, "the map must grow before the lens is estimated again"},
           {isPositive(material_rms), "the RMS of a better lens must be positive"},
-          {isNotNegative(min_chi2) && isNotNegative(min_change_chi2),
+          {isNotNegative(min_chi2) && isNotNegative(agrees_chi2) && isNotNegative(min_change_chi2),
            "the chi-squares of a lens must not be negative"},
           {isNotNegative(better_known), "the share of a better known lens must not be negative"},
           {isPositive(learned_focal_share), "the sigma of a learned focal length must be positive"},

@@ -49,7 +49,7 @@ std::string PoseIntegratorOptions::invalidReason() const {
                    {isPositive(start_sigma_rad), "start_sigma_rad must be positive"},
                    {isPositive(adrift_scale_sigma), "adrift_scale_sigma must be positive"},
                    {isPositive(max_start_error), "max_start_error must be positive"}}),
-       start.invalidReason()});
+       unscaled_way.invalidReason(), start.invalidReason()});
 }
 
 std::string NaturalOptions::invalidReason() const {
@@ -74,7 +74,10 @@ std::string NaturalOptions::invalidReason() const {
 
 PoseIntegrator::PoseIntegrator(const NaturalOptions& options, const CameraModel& camera,
                                Counters* counters)
-    : options_(options), camera_(camera), counters_(counters) {
+    : options_(options),
+      camera_(camera),
+      counters_(counters),
+      unscaled_way_(options_.integrator.unscaled_way) {
   if (options.enabled) filter_.emplace(options.filter);
 }
 
@@ -107,7 +110,8 @@ bool PoseIntegrator::follow(std::int64_t time_ns, const ImageView& image, const 
     }
     start(time_ns, pose);
   }
-  if (goes_on && bridging_) arrival_ = filter_->pose();
+  if (goes_on && bridging_) arrival_ = filteredPose();
+  unscaled_way_.forget();
   carried_on_ = goes_on && (carried_on_ || bridging_);
   const VisualUpdate update = filter_->update(image, camera_, markers);
   counters_->wary_frames += update.wary ? 1 : 0;
@@ -178,7 +182,8 @@ std::optional<PoseEstimate> PoseIntegrator::bridge(std::int64_t time_ns, const I
   const auto update = look(time_ns, image, unplaced);
   if (!update) return std::nullopt;
   if (!known_points_w_.empty()) addKnownPoints(image);
-  const auto placed = adrift_ ? placedByFirstFix() : filter_->pose();
+  if (!adrift_) unscaled_way_.goOn(filter_->pose().T_w_c.p, filter_->filter().state().scaleSigma());
+  const auto placed = adrift_ ? placedByFirstFix() : filteredPose();
   if (!placed) return std::nullopt;
   const bool seen = last_seen_ns_ == time_ns;
   FilteredPose pose = *placed;
@@ -223,9 +228,10 @@ LateOutcome PoseIntegrator::use(const Fix& fix) {
   FeatureFilter& filter = filter_->filter();
   // Pictures' errors are much the same from image to image: averaging them would make too much of
   // them.
-  const bool known = variance(filter_->pose().covariance) < variance(fix.covariance);
-  if (!known) (void)filter.observePastPose(fix.frame, fix.T_w_c, fix.covariance);
-  return known ? LateOutcome::kKnown : LateOutcome::kUsed;
+  if (variance(filteredPose().covariance) < variance(fix.covariance)) return LateOutcome::kKnown;
+  (void)filter.observePastPose(fix.frame, fix.T_w_c, fix.covariance);
+  unscaled_way_.forget();
+  return LateOutcome::kUsed;
 }
 
 LateOutcome PoseIntegrator::weigh(const LatePose& pose) {
@@ -288,7 +294,8 @@ LateOutcome PoseIntegrator::late(const LatePose& pose, std::span<const Eigen::Ve
     if (!contradicts || !isOutvoted(fix)) return outcome;
     adrift_ = true;
     contradiction_.setZero();  // the pictures are right
-    guessed_scale_ = 1.0;      // it had one
+    unscaled_way_.forget();
+    guessed_scale_ = 1.0;  // it had one
   }
   if (!pose.decided) return LateOutcome::kOpen;
   if (!pose.begins) return LateOutcome::kOutside;
@@ -327,6 +334,7 @@ void PoseIntegrator::begin(const Fix& fix, const Scale& scale,
   known_points_w_.assign(points_w.begin(), points_w.end());
   first_fix_.reset();
   contradiction_.setZero();
+  unscaled_way_.forget();
   adrift_ = false;
   ambiguity_ratio_ = kUnambiguous;
 }
@@ -398,6 +406,7 @@ void PoseIntegrator::moveWorld(const Transform& T_new_old) {
   if (running() && !adrift_) filter_->moveWorld(T_new_old);
   for (Eigen::Vector3d& p_w : known_points_w_) p_w = T_new_old * p_w;
   contradiction_ = turnedCovariance(T_new_old.R, contradiction_);
+  unscaled_way_.moveWorld(T_new_old);
   for (std::optional<Fix>* fix : {&first_fix_, &first_refused_}) {
     if (!*fix) continue;
     (*fix)->T_w_c = T_new_old * (*fix)->T_w_c;
@@ -422,6 +431,7 @@ void PoseIntegrator::giveUp() {
   first_fix_.reset();
   known_points_w_.clear();
   contradiction_.setZero();
+  unscaled_way_.forget();
 }
 
 void PoseIntegrator::start(std::int64_t time_ns, const PoseEstimate& pose, bool assumes_scale) {
@@ -444,6 +454,12 @@ bool PoseIntegrator::contradicts(const PoseEstimate& pose) const {
   const Matrix6d S = filtered.covariance + pose.view_covariance;
   const double chi2 = innovation.dot(S.ldlt().solve(innovation));
   return !(chi2 <= options_.integrator.max_innovation_chi2);
+}
+
+FilteredPose PoseIntegrator::filteredPose() const {
+  FilteredPose pose = filter_->pose();
+  pose.covariance.topLeftCorner<3, 3>() += unscaled_way_.covariance();
+  return pose;
 }
 
 bool PoseIntegrator::isTooUncertain(const FilteredPose& pose) const {

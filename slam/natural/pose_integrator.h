@@ -20,6 +20,7 @@
 #include "slam/map/picture_print.h"
 #include "slam/natural/filter/visual_filter.h"
 #include "slam/natural/start_limits.h"
+#include "slam/natural/unscaled_way.h"
 #include "slam/pose_estimate.h"
 
 namespace waymark::slam {
@@ -42,6 +43,8 @@ struct PoseIntegratorOptions {
   // degrees), is none: better lost than lying.
   double max_error_m = 0.5;
   double max_error_rad = 0.1745;
+  // What is told of a way whose scale is hardly known.
+  UnscaledWayOptions unscaled_way;
   // So long, seconds, features are looked for where nothing is seen: in the dark, or behind what is
   // in the way. Then the filter is given up.
   double max_blind_s = 2.0;
@@ -221,6 +224,8 @@ class PoseIntegrator {
   [[nodiscard]] bool isIdle(std::int64_t time_ns, std::size_t markers);
   [[nodiscard]] bool contradicts(const PoseEstimate& pose) const;
   [[nodiscard]] bool isTooUncertain(const FilteredPose& pose) const;
+  // The filter's, with what its covariance leaves out.
+  [[nodiscard]] FilteredPose filteredPose() const;
 
   const NaturalOptions& options_;
   const CameraModel& camera_;
@@ -246,6 +251,7 @@ class PoseIntegrator {
   // While a picture contradicts the filter, and nothing has decided between them: how far they are
   // apart, squared. It is part of the pose's covariance.
   Matrix6d contradiction_ = Matrix6d::Zero();
+  UnscaledWay unscaled_way_;
   double ambiguity_ratio_ = 0.0;  // of the last pose from markers
 };
 

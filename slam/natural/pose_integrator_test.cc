@@ -115,6 +115,39 @@ TEST_F(PoseIntegratorTest, GivesUpRatherThanLie) {
   EXPECT_FALSE(step(See::kWallOnly).pose) << "once given up, it takes markers to begin again";
 }
 
+// The same frames twice: the second time any scale counts as hardly known.
+TEST_F(PoseIntegratorTest, AWayOfAnUnknownScaleIsLessCertainThanTheFilterSays) {
+  struct Gap {
+    std::optional<PoseEstimate> end, after;  // the same, and in a frame after one with a marker
+  };
+  const auto cross = [&] {
+    integrator_.reset();
+    rng_.seed(3);
+    frame_ = 0;
+    begin();
+    Gap gap;
+    for (int i = 0; i < 30; ++i) gap.end = step(See::kWallOnly).pose;
+    EXPECT_TRUE(step(See::kAll).followed);
+    gap.after = step(See::kWallOnly).pose;
+    return gap;
+  };
+  const Gap told = cross();
+  options_.integrator.unscaled_way.from_scale_sigma = 1e-6;
+  const Gap doubted = cross();
+  ASSERT_TRUE(told.end && told.after && doubted.end && doubted.after);
+  EXPECT_LT((doubted.end->T_w_c.p - told.end->T_w_c.p).norm(), 1e-12);
+  const Eigen::Matrix3d more =
+      (doubted.end->covariance - told.end->covariance).topLeftCorner<3, 3>();
+  const Eigen::Vector3d way = doubted.end->T_w_c.p - dolly_.at(20 / kRate_hz).p;
+  // Only along the way, and by what the scale is in doubt: some percent of it.
+  EXPECT_GT(way.normalized().dot(more * way.normalized()), 0.95 * more.trace());
+  const double share = std::sqrt(more.trace()) / way.norm();
+  EXPECT_GT(share, 0.002);
+  EXPECT_LT(share, 0.05);
+  // Where a marker was seen the place is known again.
+  EXPECT_LT((doubted.after->covariance - told.after->covariance).norm(), 1e-12);
+}
+
 TEST_F(PoseIntegratorTest, WhatIsFusedIsNotGivenUpForOneContradiction) {
   begin();
   ASSERT_TRUE(integrator_->fused());

@@ -245,5 +245,24 @@ TEST(FilterState, ScaledItLooksTheSame) {
   EXPECT_LT((P - P.transpose()).norm(), 1e-9);
 }
 
+// The mean of four depths: each one's own error is halved by it, what they have in common is not.
+TEST(FilterState, TellsHowWellTheScaleIsKnown) {
+  FilterState state(2, 4);
+  EXPECT_EQ(state.scaleSigma(), 0.0);
+  state.start({}, 1e-4 * Matrix6d::Identity(), 1e-4 * Matrix6d::Identity());
+  const int anchor = state.clonePose(PoseKind::kAnchor, 0);
+  constexpr double kOwn = 0.04;  // a share of the depth
+  for (const double rho : {0.2, 0.5, 0.5, 1.0}) {
+    ASSERT_GE(state.addFeature(anchor, {0.1, -0.2}, rho,
+                               featureCovariance(1e-6 * Eigen::Matrix2d::Identity(), kOwn * rho)),
+              0);
+  }
+  EXPECT_NEAR(state.scaleSigma(), kOwn / 2, 1e-9);
+  constexpr double kInCommon = 0.1;
+  state.scaleAbout(anchor, 1.0, kInCommon);
+  // As much is known of each, now that it is in doubt with the others.
+  EXPECT_NEAR(state.scaleSigma(), std::hypot(kInCommon, kOwn / 2), 1e-9);
+}
+
 }  // namespace
 }  // namespace waymark::slam
