@@ -80,7 +80,9 @@ std::optional<Transform> LensEstimator::collect(const RollingShutterEstimator& s
     estimate_.reset();
     contradicted_ = found && lensChange(*found, *camera_) > options_.min_chi2;
     // What agrees is asked again when the map has grown twice as much.
-    if (!found) next_keyframes_ = static_cast<int>(options_.growth * next_keyframes_);
+    if (!found && !isUrgent(*map)) {
+      next_keyframes_ = static_cast<int>(options_.growth * next_keyframes_);
+    }
     if (!found || !believes(*found, *map)) {
       const bool is_old = found && found->correction.epoch != map->epoch();
       if (dated_anew_ && is_old) next_keyframes_ = static_cast<int>(map->keyframes().size());
