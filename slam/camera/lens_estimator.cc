@@ -80,7 +80,7 @@ std::optional<Transform> LensEstimator::collect(const RollingShutterEstimator& s
     estimate_.reset();
     contradicted_ = found && lensChange(*found, *camera_) > options_.min_chi2;
     // What agrees is asked again when the map has grown twice as much.
-    if (!found && !isUrgent(*map)) {
+    if (!found && options_.agrees_chi2 > 0.0) {
       next_keyframes_ = static_cast<int>(options_.growth * next_keyframes_);
     }
     if (!found || !believes(*found, *map)) {

@@ -74,8 +74,8 @@ struct LensOptions {
   // every whim of the paper for the lens, larger believes a wrong calibration for longer.
   double min_chi2 = 60.0;
   // A calibration that was given and is within that quantile after a first look is right: it is
-  // looked at no closer, and once the map is no young one (urgent_keyframes) again when it has
-  // grown by the factor twice. Larger saves more work, and sees less of what is wrong.
+  // looked at no closer, and again when the map has grown by the factor twice. Larger saves more
+  // work, and sees less of what is wrong; 0: each estimate is finished.
   double agrees_chi2 = 28.0;
   // And only if the corners' RMS falls to this share of what it was: a calibration that is as good
   // as the corners are is left alone. Smaller keeps calibrations that are a little wrong. Not asked
