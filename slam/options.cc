@@ -26,7 +26,7 @@ void Options::treatAsUnorderedImages() {
   natural.enabled = false;
   pieces.begin = false;  // what an image shows may be known when it is tried again
   work_per_frame = kUnlimited;
-  lens.agrees_chi2 = 0.0;  // there is time to look closely, in whatever order they come
+  lens.agrees_chi2 = 0.0;  // fewer estimates left the map to hang on their order by 0.08 mm
 }
 
 std::string Options::invalidReason() const {

@@ -129,7 +129,7 @@ struct Settled {
 // With the noise as it was told, and all views. Empty where there is no optimum.
 Task<std::optional<BundleAdjuster>> settleRoughly(BundleProblem problem,
                                                   const BundleOptions& options, Budget* budget) {
-  std::optional<BundleAdjuster> roughly(BundleAdjuster(std::move(problem), ungated(options)));
+  std::optional<BundleAdjuster> roughly(std::in_place, std::move(problem), ungated(options));
   const BundleSummary summary = co_await roughly->run(budget);
   if (summary.failed) co_return std::nullopt;
   co_return roughly;
@@ -248,12 +248,12 @@ Task<std::optional<LensEstimate>> estimateLens(const Map& map, const MarkerOptio
   Subproblem part = co_await buildSubproblem(map, std::move(members), markers, budget);
   if (lens.markers_held) holdMarkers(&part);
   if (!lens.readout_known) freeReadout(map, lens.readout_s, lens.in_use, &part);
-  BundleProblem in_use = part.problem;
   freeLens(lens.in_use, lens, &part.problem);
   std::optional<BundleAdjuster> roughly = co_await settleRoughly(part.problem, options, budget);
   if (!roughly) co_return std::nullopt;
   const bool agrees = co_await agreesWithLensInUse(lens, part.problem, &*roughly, budget);
   if (agrees) co_return std::nullopt;
+  BundleProblem in_use = part.problem;
   holdLens(lens.in_use, lens, &in_use);
   // What another readout time explains as well is not the lens': so the one in use is tried with
   // that, too, where nobody knows it.

@@ -28,6 +28,10 @@ bool LensEstimator::isDue(const Map& map) const {
   return options_.learn && static_cast<int>(map.keyframes().size()) >= next_keyframes_;
 }
 
+double LensEstimator::agreesChi2() const {
+  return knowledge_->state == LensState::kGiven ? options_.agrees_chi2 : 0.0;
+}
+
 LensProblem LensEstimator::problemOf(const RollingShutterEstimator& shutter) const {
   return {.in_use = *camera_,
           .expected = knowledge_->given,
@@ -37,7 +41,7 @@ LensProblem LensEstimator::problemOf(const RollingShutterEstimator& shutter) con
           .max_keyframes = options_.max_keyframes,
           .any_model = !options_.given,
           .any_beginning = knowledge_->state == LensState::kLearning,
-          .agrees_chi2 = knowledge_->state == LensState::kGiven ? options_.agrees_chi2 : 0.0,
+          .agrees_chi2 = agreesChi2(),
           .since_ns = knowledge_->since_ns};
 }
 
@@ -80,7 +84,7 @@ std::optional<Transform> LensEstimator::collect(const RollingShutterEstimator& s
     estimate_.reset();
     contradicted_ = found && lensChange(*found, *camera_) > options_.min_chi2;
     // What agrees is asked again when the map has grown twice as much.
-    if (!found && options_.agrees_chi2 > 0.0) {
+    if (!found && agreesChi2() > 0.0) {
       next_keyframes_ = static_cast<int>(options_.growth * next_keyframes_);
     }
     if (!found || !believes(*found, *map)) {

@@ -65,6 +65,8 @@ class LensEstimator {
   [[nodiscard]] bool isUrgent(const Map& map) const {
     return static_cast<int>(map.keyframes().size()) < options_.urgent_keyframes;
   }
+  // LensProblem's: a lens that was learned is always estimated to the end.
+  [[nodiscard]] double agreesChi2() const;
   [[nodiscard]] LensProblem problemOf(const RollingShutterEstimator& shutter) const;
   [[nodiscard]] bool believes(const LensEstimate& estimate, const Map& map) const;
   [[nodiscard]] LensChange changeOf(const RollingShutterEstimator& shutter) const;

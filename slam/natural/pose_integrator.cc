@@ -182,7 +182,8 @@ std::optional<PoseEstimate> PoseIntegrator::bridge(std::int64_t time_ns, const I
   const auto update = look(time_ns, image, unplaced);
   if (!update) return std::nullopt;
   if (!known_points_w_.empty()) addKnownPoints(image);
-  if (!adrift_) unscaled_way_.goOn(filter_->pose().T_w_c.p, filter_->filter().state().scaleSigma());
+  FeatureFilter& filter = filter_->filter();
+  if (!adrift_) unscaled_way_.goOn(filter.state().camera().p, filter.scaleSigma());
   const auto placed = adrift_ ? placedByFirstFix() : filteredPose();
   if (!placed) return std::nullopt;
   const bool seen = last_seen_ns_ == time_ns;
@@ -294,8 +295,7 @@ LateOutcome PoseIntegrator::late(const LatePose& pose, std::span<const Eigen::Ve
     if (!contradicts || !isOutvoted(fix)) return outcome;
     adrift_ = true;
     contradiction_.setZero();  // the pictures are right
-    unscaled_way_.forget();
-    guessed_scale_ = 1.0;  // it had one
+    guessed_scale_ = 1.0;      // it had one
   }
   if (!pose.decided) return LateOutcome::kOpen;
   if (!pose.begins) return LateOutcome::kOutside;

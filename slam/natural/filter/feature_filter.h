@@ -189,6 +189,8 @@ class FeatureFilter {
   [[nodiscard]] int anchorCount() const;
 
   [[nodiscard]] const FilterState& state() const { return state_; }
+  // As FilterState's.
+  [[nodiscard]] double scaleSigma() { return state_.scaleSigma(); }
   // As FilterState: the world's coordinates have changed.
   void moveWorld(const Transform& T_new_old) { state_.moveWorld(T_new_old); }
   // How many times worse matches fit than their covariances say; at least 1.

@@ -164,8 +164,9 @@ class FilterState {
   }
 
   // How well the scale is known: of the mean of the depths' logarithms, weighed by how well each is
-  // known, a standard deviation, a share. 0 without features.
-  [[nodiscard]] double scaleSigma() const;
+  // known, a standard deviation, a share. 0 without features. Not between correct() and
+  // followScale(), which has its gauge from there.
+  [[nodiscard]] double scaleSigma();
   // Of the camera: (dp, dtheta) as Transform::retract, metres and radians in the world frame.
   [[nodiscard]] Matrix6d poseCovariance() const;
 
@@ -181,8 +182,6 @@ class FilterState {
     return {P_.data() + static_cast<std::ptrdiff_t>(column) * stride_ + row, rows, columns,
             Eigen::OuterStride<>(stride_)};
   }
-  // 1 / the variance of its depth's logarithm; 0 where it has none.
-  [[nodiscard]] double depthWeight(const StateFeature& feature) const;
   // What tells the scale's part of an error: gauge_. The variance of that part if each depth were
   // in error by itself.
   double findGauge();

@@ -30,20 +30,15 @@ bool growsWithScale(const StatePose& pose) {
 
 }  // namespace
 
-double FilterState::depthWeight(const StateFeature& feature) const {
-  if (feature.offset < 0 || !(feature.rho > 0.0)) return 0.0;
-  const int at = feature.offset + 2;
-  return 1.0 / std::max(kExact, P(at, at) / (feature.rho * feature.rho));
-}
-
 // The mean of the inverse depths' logarithms, weighed by how well each is known.
 double FilterState::findGauge() {
   gauge_.assign(static_cast<std::size_t>(size_), 0.0);
   double weights = 0.0;
   for (const StateFeature& feature : features_) {
-    const double weight = depthWeight(feature);
-    if (weight == 0.0) continue;
-    gauge_[static_cast<std::size_t>(feature.offset + 2)] = -weight / feature.rho;
+    if (feature.offset < 0 || !(feature.rho > 0.0)) continue;
+    const int at = feature.offset + 2;
+    const double weight = 1.0 / std::max(kExact, P(at, at) / (feature.rho * feature.rho));
+    gauge_[static_cast<std::size_t>(at)] = -weight / feature.rho;
     weights += weight;
   }
   if (!(weights > 0.0)) return 0.0;
@@ -51,20 +46,9 @@ double FilterState::findGauge() {
   return 1.0 / weights;
 }
 
-double FilterState::scaleSigma() const {
-  double variance = 0.0;
-  double weights = 0.0;
-  for (const StateFeature& a : features_) {
-    const double of_a = depthWeight(a);
-    if (of_a == 0.0) continue;
-    weights += of_a;
-    for (const StateFeature& b : features_) {
-      const double of_b = depthWeight(b);
-      if (of_b == 0.0) continue;
-      variance += of_a * of_b * P(a.offset + 2, b.offset + 2) / (a.rho * b.rho);
-    }
-  }
-  return weights > 0.0 ? std::sqrt(std::max(0.0, variance)) / weights : 0.0;
+double FilterState::scaleSigma() {
+  (void)findGauge();
+  return std::sqrt(std::max(0.0, findShared()));
 }
 
 double FilterState::findCommonScale() {
