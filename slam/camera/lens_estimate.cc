@@ -89,7 +89,8 @@ LensComparison errorsOf(const BundleProblem& in_use, const BundleProblem& other)
           .rms_in_use_px = rootMean(as_is),
           .rms_px = rootMean(as_other),
           .median_in_use_px = rootMedian(as_is),
-          .median_px = rootMedian(as_other)};
+          .median_px = rootMedian(as_other),
+          .evidence = {}};
 }
 
 // How well a lens explains the corners, in units of the noise; more than any where it does not see
@@ -180,12 +181,12 @@ Task<bool> agreesWithLensInUse(const LensProblem& lens, const BundleProblem& bef
 
 // Through the lens in use, with the map as that has it: in as many iterations as another lens gets.
 // A map that is not at its optimum fits every lens badly.
-Task<double> rmsAtBest(BundleProblem problem, const LensProblem& lens, const BundleOptions& options,
-                       Budget* budget) {
-  const double before_px = rmsPx(problem);
-  holdLens(lens.in_use, lens, &problem);
-  const std::optional<Settled> held = co_await settle(std::move(problem), options, budget);
-  co_return held ? std::min(before_px, rmsPx(held->adjuster.problem())) : before_px;
+Task<std::optional<Settled>> settleThrough(const CameraModel& held, const LensProblem& lens,
+                                           BundleProblem problem, const BundleOptions& options,
+                                           Budget* budget) {
+  holdLens(held, lens, &problem);
+  std::optional<Settled> settled = co_await settle(std::move(problem), options, budget);
+  co_return settled;
 }
 
 // Where else to begin from, as each beginning leads to the nearest minimum only: the lens in the
@@ -284,17 +285,27 @@ Task<std::optional<LensEstimate>> estimateLens(const Map& map, const MarkerOptio
   const auto covariance = co_await adjuster.globalsCovariance(budget);
   if (!covariance) co_return std::nullopt;
   const double after_px = rmsPx(adjuster.problem());
+  LensEvidence evidence;
   constexpr double kMuchBetter = 0.9;  // and worth a second look
-  if (!lens.perhaps_bent && after_px < kMuchBetter * before_px) {
-    before_px = co_await rmsAtBest(std::move(in_use), lens, options, budget);
+  const IntrinsicMatrix of_lens = covariance->topLeftCorner<9, 9>();
+  const double chi2 = chi2Between(adjuster.problem().lens->camera, of_lens, lens.in_use);
+  if (!lens.perhaps_bent && (after_px < kMuchBetter * before_px || chi2 > lens.contradicts_chi2)) {
+    const std::optional<Settled> held =
+        co_await settleThrough(lens.in_use, lens, std::move(in_use), options, budget);
+    if (held) {
+      before_px = std::min(before_px, rmsPx(held->adjuster.problem()));
+      evidence = co_await lensEvidence(held->adjuster.problem(), adjuster.problem(),
+                                       options.huber * settled->sigma, budget);
+    }
   }
   MapCorrection correction = co_await correctionOf(part, adjuster, budget);
   std::optional<LensEstimate> estimate({.camera = adjuster.problem().lens->camera,
-                                        .covariance = covariance->topLeftCorner<9, 9>(),
+                                        .covariance = of_lens,
                                         .correction = std::move(correction),
                                         .of_whole_map = whole,
                                         .rms_before_px = before_px,
                                         .rms_after_px = after_px,
+                                        .evidence = evidence,
                                         .chi2_beyond_bend = chi2_beyond_bend});
   co_return estimate;
 }
@@ -304,13 +315,16 @@ Task<std::optional<LensComparison>> compareLens(const CameraModel& other, const 
                                                 BundleOptions options, Budget* budget) {
   Subproblem part = co_await buildSubproblem(map, wholeMap(map), markers, budget);
   if (!lens.readout_known) freeReadout(map, lens.readout_s, lens.in_use, &part);
-  holdLens(lens.in_use, lens, &part.problem);
-  const std::optional<Settled> in_use = co_await settle(part.problem, options, budget);
-  holdLens(other, lens, &part.problem);
-  std::optional<Settled> through = co_await settle(std::move(part.problem), options, budget);
+  const std::optional<Settled> in_use =
+      co_await settleThrough(lens.in_use, lens, part.problem, options, budget);
+  std::optional<Settled> through =
+      co_await settleThrough(other, lens, part.problem, options, budget);
   if (!in_use || !through) co_return std::nullopt;
   std::optional<LensComparison> comparison =
       errorsOf(in_use->adjuster.problem(), through->adjuster.problem());
+  comparison->evidence =
+      co_await lensEvidence(through->adjuster.problem(), in_use->adjuster.problem(),
+                            options.huber * in_use->sigma, budget);
   comparison->correction = co_await correctionOf(part, through->adjuster, budget);
   co_return comparison;
 }

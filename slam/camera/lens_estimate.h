@@ -8,6 +8,7 @@
 #include <optional>
 
 #include "base/task.h"
+#include "slam/camera/lens_evidence.h"
 #include "slam/camera/lens_knowledge.h"
 #include "slam/geometry/camera_model.h"
 #include "slam/map/map.h"
@@ -27,6 +28,8 @@ struct LensEstimate {
   // Of the corners, pixels: with the lens in use, and with this one.
   double rms_before_px = 0.0;
   double rms_after_px = 0.0;
+  // For this one, beside the one in use; nothing where they hardly differ.
+  LensEvidence evidence;
   // How much better a lens explains the corners where the markers may be elsewhere, too, as in a
   // map that is bent: chi-square. Infinite where that was not asked for.
   double chi2_beyond_bend = std::numeric_limits<double>::infinity();
@@ -55,6 +58,8 @@ struct LensProblem {
   // An estimate that is no further than this from the lens in use after its first half, as
   // chi-square of the intrinsics, is not gone on with: it agrees. 0: none is.
   double agrees_chi2 = 0.0;
+  // One that is further than this is held against the one in use, with the map as that has it best.
+  double contradicts_chi2 = std::numeric_limits<double>::infinity();
   // The lens is that of the keyframes since then, nanoseconds (monotonic); no others take part.
   std::int64_t since_ns = std::numeric_limits<std::int64_t>::min();
 };
@@ -75,6 +80,7 @@ struct LensComparison {
   // do not decide.
   double median_in_use_px = 0.0;
   double median_px = 0.0;
+  LensEvidence evidence;  // for the one in use
 };
 
 // As estimateLens(). Of LensProblem it needs the lens in use and the readout time.

@@ -32,6 +32,11 @@ double LensEstimator::agreesChi2() const {
   return knowledge_->state == LensState::kGiven ? options_.agrees_chi2 : 0.0;
 }
 
+double LensEstimator::contradictsChi2() const {
+  return knowledge_->state == LensState::kGiven ? options_.min_chi2
+                                                : std::numeric_limits<double>::infinity();
+}
+
 LensProblem LensEstimator::problemOf(const RollingShutterEstimator& shutter) const {
   return {.in_use = *camera_,
           .expected = knowledge_->given,
@@ -42,6 +47,7 @@ LensProblem LensEstimator::problemOf(const RollingShutterEstimator& shutter) con
           .any_model = !options_.given,
           .any_beginning = knowledge_->state == LensState::kLearning,
           .agrees_chi2 = agreesChi2(),
+          .contradicts_chi2 = contradictsChi2(),
           .since_ns = knowledge_->since_ns};
 }
 
@@ -180,7 +186,8 @@ bool LensEstimator::goBackToGiven(const LensProblem& problem, const BundleOption
     return compareLens(given, *map, markers_, problem, optimization, budget);
   });
   if (!compared || compared->correction.keyframes.empty()) return false;
-  if (compared->median_in_use_px < options_.material_rms * compared->median_px) {
+  if (compared->median_in_use_px < options_.material_rms * compared->median_px ||
+      compared->evidence.chi2() > options_.min_chi2) {
     knowledge_->rms_given_px = compared->rms_px;
     knowledge_->rms_after_px = compared->rms_in_use_px;
     return false;
@@ -209,7 +216,8 @@ bool LensEstimator::believes(const LensEstimate& estimate, const Map& map) const
   // One more measurement of a lens that somebody has measured needs no reason beside that; to be
   // another one than was given it must make a difference.
   const bool refines = knowledge_->refines(estimate.camera, options_.prior);
-  const bool material = estimate.rms_after_px < options_.material_rms * estimate.rms_before_px;
+  const bool material = estimate.rms_after_px < options_.material_rms * estimate.rms_before_px ||
+                        estimate.evidence.chi2() > options_.min_chi2;
   if (!was_learned && !refines && !material) return false;
   return is_sound;
 }

@@ -67,6 +67,8 @@ class LensEstimator {
   }
   // LensProblem's: a lens that was learned is always estimated to the end.
   [[nodiscard]] double agreesChi2() const;
+  // The same; none is held against a lens that was learned, which gives way without a reason.
+  [[nodiscard]] double contradictsChi2() const;
   [[nodiscard]] LensProblem problemOf(const RollingShutterEstimator& shutter) const;
   [[nodiscard]] bool believes(const LensEstimate& estimate, const Map& map) const;
   [[nodiscard]] LensChange changeOf(const RollingShutterEstimator& shutter) const;

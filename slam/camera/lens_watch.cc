@@ -96,7 +96,8 @@ void LensWatch::work(double cost, const RollingShutterEstimator& shutter,
                         .any_beginning = knowledge_->state == LensState::kLearning,
                         // A map that grows has begun to bend to what has changed.
                         .markers_held = !map_grows_,
-                        .perhaps_bent = map_grows_};
+                        .perhaps_bent = map_grows_,
+                        .contradicts_chi2 = options_.min_chi2};
     estimate_.emplace([&](Budget* budget) {
       return estimateLens(seen_, markers_, problem, optimization, budget);
     });
@@ -118,7 +119,8 @@ bool LensWatch::believes(const LensEstimate& estimate) const {
   // anything of what a bend leaves once they are.
   if (estimate.chi2_beyond_bend < options_.min_chi2) return false;
   return lensChange(estimate, *camera_) > options_.min_chi2 &&
-         estimate.rms_after_px < material * estimate.rms_before_px;
+         (estimate.rms_after_px < material * estimate.rms_before_px ||
+          estimate.evidence.chi2() > options_.min_chi2);
 }
 
 bool LensWatch::collect(const RollingShutterEstimator& shutter) {
