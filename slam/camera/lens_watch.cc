@@ -14,8 +14,19 @@ namespace waymark::slam {
 void LensWatch::forget() {
   seen_ = Map();
   estimate_.reset();
-  next_frames_ = firstFrames();
-  settled_ = false;
+  estimated_from_ = 0;
+  is_undecided_ = false;
+  times_seen_ = 0;
+}
+
+// How the camera moves in a known map is as wrong as the lens, and with it what a rolling shutter
+// has moved the corners by, which speaks for that lens: each time half of it is left.
+void LensWatch::seeAgain() {
+  constexpr int kTimes = 4;
+  seen_ = Map();
+  if (times_seen_++ < kTimes) {
+    estimated_from_ = std::min(estimated_from_, options_.watch.max_frames / 2);
+  }
 }
 
 void LensWatch::look(const FrameTime& time, const Transform& T_w_c, const Twist& twist,
@@ -34,7 +45,7 @@ void LensWatch::look(const FrameTime& time, const Transform& T_w_c, const Twist&
     seen_.place(marker.detection->id, marker.T_w_m);
   }
   (void)seen_.addKeyframe(std::move(frame));
-  if (!estimate_ && static_cast<int>(seen_.keyframes().size()) > options_.watch.max_frames) {
+  if (!estimate_ && static_cast<int>(seen_.keyframes().size()) > maxFrames()) {
     seen_.removeKeyframe(seen_.keyframes().begin()->first);
   }
 }
@@ -82,16 +93,15 @@ void LensWatch::work(double cost, const RollingShutterEstimator& shutter,
   // does a lens that is itself only being learned, in a map that grows with it.
   if (map_grows_ && !shutter.isGiven() && shutter.seconds() != 0.0) return;
   if (map_grows_ && knowledge_->state == LensState::kLearning) return;
-  if (!estimate_ && asks() && static_cast<int>(seen_.keyframes().size()) >= next_frames_) {
-    settled_ = next_frames_ >= options_.watch.max_frames;
+  if (!estimate_ && asks() && static_cast<int>(seen_.keyframes().size()) >= nextFrames()) {
+    estimated_from_ = nextFrames();
     const CameraModel before = map_grows_ ? asUnmeasured(*camera_) : *camera_;  // it has changed
-    next_frames_ = std::min(2 * next_frames_, options_.watch.max_frames);
     LensProblem problem{.in_use = *camera_,
                         .expected = looksForChange() ? before : knowledge_->given,
                         .prior = options_.prior,
                         .readout_s = shutter.seconds(),
                         .readout_known = shutter.isGiven(),
-                        .max_keyframes = options_.watch.max_frames,
+                        .max_keyframes = maxFrames(),
                         .any_model = !looksForChange(),
                         .any_beginning = knowledge_->state == LensState::kLearning,
                         // A map that grows has begun to bend to what has changed.
@@ -111,6 +121,9 @@ bool LensWatch::believes(const LensEstimate& estimate) const {
       estimate.focalShare() < options_.better_known * knowledge_->focalShare()) {
     return true;
   }
+  // What it replaces took a calibration's place in a known map, and was learned from what was seen
+  // through that.
+  if (times_seen_ > 0) return true;
   const double material =
       map_grows_ ? options_.watch.sure_rms * options_.material_rms : options_.material_rms;
   const double change = std::abs(estimate.camera.focalLength() / camera_->focalLength() - 1.0);
@@ -127,7 +140,10 @@ bool LensWatch::collect(const RollingShutterEstimator& shutter) {
   if (!estimate_ || !estimate_->done()) return false;
   const std::optional<LensEstimate> found = estimate_->take();
   estimate_.reset();
-  if (!found || !believes(*found)) return false;
+  const bool believed = found && believes(*found);
+  is_undecided_ =
+      found && !believed && !map_grows_ && lensChange(*found, *camera_) > options_.min_chi2;
+  if (!believed) return false;
   LensKnowledge& known = *knowledge_;
   if (map_grows_) {
     known.earlier.push_back({*camera_, doubted_since_ns_});
@@ -140,6 +156,8 @@ bool LensWatch::collect(const RollingShutterEstimator& shutter) {
   of_late_ = usual_;
   if (map_grows_) {
     forget();
+  } else if (options_.given && shutter.seconds() != 0.0) {
+    seeAgain();
   } else {
     undistortAgain(*camera_, shutter.seconds(), &seen_);
   }

@@ -3,6 +3,7 @@
 // they did, at once.
 #pragma once
 
+#include <algorithm>
 #include <cstdint>
 #include <optional>
 #include <span>
@@ -31,8 +32,7 @@ class LensWatch {
         markers_(markers),
         map_grows_(map_grows),
         camera_(camera),
-        knowledge_(knowledge),
-        next_frames_(firstFrames()) {}
+        knowledge_(knowledge) {}
 
   // A frame with a pose, and the markers of the map that it was found from.
   void look(const FrameTime& time, const Transform& T_w_c, const Twist& twist,
@@ -52,12 +52,25 @@ class LensWatch {
   [[nodiscard]] int firstFrames() const {
     return looksForChange() ? options_.watch.first_frames : options_.watch.first_frames_unmeasured;
   }
-  // Views are collected, and the lens is estimated from them.
-  [[nodiscard]] bool asks() const { return doubted_since_ns_ > 0 || !(map_grows_ || settled_); }
+  // It is estimated from so many views at most: from more where what few say contradicts a
+  // calibration, and is not enough to take its place.
+  [[nodiscard]] int maxFrames() const {
+    constexpr int kUndecided = 4;
+    return (is_undecided_ ? kUndecided : 1) * options_.watch.max_frames;
+  }
+  [[nodiscard]] int nextFrames() const {
+    return estimated_from_ == 0 ? firstFrames() : std::min(2 * estimated_from_, maxFrames());
+  }
+  // Views are collected, and the lens is estimated from them: until the map, which is known, has
+  // said what it can, and again when the lens is in doubt.
+  [[nodiscard]] bool asks() const {
+    return doubted_since_ns_ > 0 || !(map_grows_ || estimated_from_ >= maxFrames());
+  }
   void noteFit(const FrameTime& time, const Transform& T_w_c, std::span<const KnownMarker> known);
   [[nodiscard]] bool isAnotherView(const FrameTime& time, const Transform& T_w_c,
                                    std::span<const KnownMarker> known) const;
   [[nodiscard]] bool believes(const LensEstimate& estimate) const;
+  void seeAgain();
 
   LensOptions options_;
   MarkerOptions markers_;
@@ -70,8 +83,9 @@ class LensWatch {
   int frames_ = 0;
   std::int64_t doubted_since_ns_ = 0;  // 0: nobody doubts the lens
   Map seen_;                           // frames as keyframes, and the markers, held
-  int next_frames_;                    // it is estimated when there are so many
-  bool settled_ = false;               // from as many as there may be; until the lens is in doubt
+  int estimated_from_ = 0;             // so many of them, the last time
+  int times_seen_ = 0;                 // anew, through a better lens
+  bool is_undecided_ = false;  // the last estimate contradicts the lens, and is not believed
   std::optional<SlicedTask<std::optional<LensEstimate>>> estimate_;
 };
 
