@@ -5,6 +5,7 @@
 #include <cstddef>
 #include <utility>
 
+#include "base/elapsed.h"
 #include "slam/covariance/excess_covariance.h"
 #include "slam/final_smoother.h"
 #include "slam/slam.h"
@@ -13,15 +14,40 @@
 namespace waymark::slam {
 namespace {
 
+// How the camera moved in each frame.
+using Motions = std::vector<Twist>;
+
+Motions motionsLive(std::span<const LiveFrame> frames) {
+  Motions motions(frames.size());
+  for (std::size_t i = 0; i < frames.size(); ++i) motions[i] = motionOf(frames, i);
+  return motions;
+}
+
+// From the frame before to the one after, where both have a pose; else as it was.
+void moveAlong(std::span<const LiveFrame> frames,
+               std::span<const std::optional<PoseEstimate>> poses, Motions* motions) {
+  constexpr double kLonger_s = 0.4;  // says nothing of a moment
+  for (std::size_t i = 1; i + 1 < frames.size(); ++i) {
+    if (!poses[i - 1] || !poses[i] || !poses[i + 1]) continue;
+    const double dt_s = secondsBetween(frames[i - 1].monotonic_ns, frames[i + 1].monotonic_ns);
+    if (!(dt_s > 0.0) || dt_s > kLonger_s) continue;
+    const Transform& before = poses[i - 1]->T_w_c;
+    const Transform& after = poses[i + 1]->T_w_c;
+    (*motions)[i] << poses[i]->T_w_c.R.transpose() * (after.p - before.p) / dt_s,
+        logSo3(before.R.transpose() * after.R) / dt_s;
+  }
+}
+
 RecordedFrame recorded(std::span<const LiveFrame> frames, std::size_t i, const Transform& guess,
-                       int piece) {
+                       const Twist& motion, int piece) {
   const LiveFrame& frame = frames[i];
-  return {i, frame.monotonic_ns, frame.detections, guess, motionOf(frames, i), piece, frame.found};
+  return {i, frame.monotonic_ns, frame.detections, guess, motion, piece, frame.found};
 }
 
 // Each frame for itself, near where it was live. One that was lost starts from its neighbour: first
 // the one before, then, for the frames in front of the first pose, the one after.
-std::vector<std::optional<PoseEstimate>> localizeEach(std::span<const LiveFrame> frames, int piece,
+std::vector<std::optional<PoseEstimate>> localizeEach(std::span<const LiveFrame> frames,
+                                                      const Motions& motions, int piece,
                                                       const Slam& slam) {
   std::vector<std::optional<PoseEstimate>> poses(frames.size());
   std::optional<Transform> neighbour;
@@ -30,7 +56,7 @@ std::vector<std::optional<PoseEstimate>> localizeEach(std::span<const LiveFrame>
       const auto& live = frames[i].pose;
       const std::optional<Transform> guess = live ? live->T_w_c : neighbour;
       if (!guess) return;
-      poses[i] = slam.localize(recorded(frames, i, *guess, piece));
+      poses[i] = slam.localize(recorded(frames, i, *guess, motions[i], piece));
     }
     if (poses[i]) neighbour = poses[i]->T_w_c;
   };
@@ -57,8 +83,8 @@ struct Sequence {
 };
 
 Sequence sequenceOf(std::span<const LiveFrame> frames,
-                    std::span<const std::optional<PoseEstimate>> poses, int piece,
-                    const Slam& slam) {
+                    std::span<const std::optional<PoseEstimate>> poses, const Motions& motions,
+                    int piece, const Slam& slam) {
   Sequence sequence{std::vector<SequenceFrame>(frames.size()),
                     std::vector<std::optional<PosesOfOneMarker>>(frames.size())};
   for (std::size_t i = 0; i < frames.size(); ++i) {
@@ -67,7 +93,7 @@ Sequence sequenceOf(std::span<const LiveFrame> frames,
     // Where nothing was near, a single marker says no more than where it is.
     const auto& near = frames[i].pose ? frames[i].pose : poses[i];
     const Transform guess = near ? near->T_w_c : Transform{};
-    sequence.of_one[i] = slam.localizeByOneMarker(recorded(frames, i, guess, piece));
+    sequence.of_one[i] = slam.localizeByOneMarker(recorded(frames, i, guess, motions[i], piece));
     if (const auto& both = sequence.of_one[i]) {
       out.poses = 2;
       out.marker = both->marker;
@@ -122,6 +148,20 @@ double positionVariance(const Matrix6d& covariance) {
   return covariance.topLeftCorner<3, 3>().trace();
 }
 
+// What two markers or more say is not given up for features that contradict it: these were followed
+// through the lens of their time. A single marker may be taken for its mirror image.
+bool contradicts(const SmoothedPose& smoothed, const PoseEstimate& of_markers) {
+  constexpr double kSurely = 16.3;  // the 99.9 % quantile of a position's chi-square
+  constexpr double kWellTurned_rad =
+      0.05;  // beyond it a covariance says too little of the other pose
+  const double turned = of_markers.view_covariance.bottomRightCorner<3, 3>().trace();
+  if (of_markers.markers_used < 2 || turned > kWellTurned_rad * kWellTurned_rad) return false;
+  const Eigen::Vector3d apart = smoothed.T_w_c.p - of_markers.T_w_c.p;
+  const Eigen::Matrix3d covariance =
+      (smoothed.covariance + of_markers.view_covariance).topLeftCorner<3, 3>();
+  return apart.dot(covariance.ldlt().solve(apart)) > kSurely;
+}
+
 // Frames between markers, whose poses were carried live by natural features, and those whose
 // markers (a single one, far away) say less than that, the frames around and the features do.
 void fillGaps(std::span<const LiveFrame> frames, std::vector<std::optional<PoseEstimate>>* poses) {
@@ -134,7 +174,8 @@ void fillGaps(std::span<const LiveFrame> frames, std::vector<std::optional<PoseE
     if (!smoothed[i]) continue;
     const Matrix6d& covariance = smoothed[i]->covariance;
     const bool says_less = pose && used_features(frames[i]) &&
-                           positionVariance(pose->view_covariance) > positionVariance(covariance);
+                           positionVariance(pose->view_covariance) > positionVariance(covariance) &&
+                           !contradicts(*smoothed[i], *pose);
     if (!says_less && !wasCarried(frames[i], pose)) continue;
     // What the map does not know of its markers stays.
     const PoseEstimate& of_world = pose ? *pose : *frames[i].pose;
@@ -178,11 +219,20 @@ std::vector<std::optional<PoseEstimate>> localizeIn(const Map& map,
                                                     std::span<const LiveFrame> frames,
                                                     const FinalTrajectoryOptions& options,
                                                     const Slam& slam) {
-  auto poses = localizeEach(frames, map.piece, slam);
+  // Live motions are of live poses: through a lens, or in a map, that was not known yet, they move
+  // a rolling shutter's corners by pixels. Each time a tenth is left of that.
+  constexpr int kTimes = 2;
+  Motions motions = motionsLive(frames);
+  auto poses = localizeEach(frames, motions, map.piece, slam);
+  const bool rolls = slam.readout_s() != 0.0 && !options.unordered_images;
+  for (int i = 0; rolls && i < kTimes; ++i) {
+    moveAlong(frames, poses, &motions);
+    poses = localizeEach(frames, motions, map.piece, slam);
+  }
   // Without any there is no map of markers, or the frames are not of it.
   const bool any = std::ranges::any_of(poses, [](const auto& pose) { return pose.has_value(); });
   if (any && !options.unordered_images) {
-    const Sequence sequence = sequenceOf(frames, poses, map.piece, slam);
+    const Sequence sequence = sequenceOf(frames, poses, motions, map.piece, slam);
     const auto log_odds = logOddsOfFirst(sequence.frames, options.single_marker);
     for (std::size_t i = 0; i < frames.size(); ++i) {
       const auto& both = sequence.of_one[i];

@@ -236,6 +236,52 @@ TEST_F(FinalTrajectoryTest, MarkersThatSayLessThanTheFeaturesDidAreLeftToThese) 
   }
 }
 
+// But not those of two that are exact, whatever is told of the features: they may have been
+// followed through a lens that was not known yet.
+TEST_F(FinalTrajectoryTest, TwoMarkersAreNotOverruledByFeaturesThatContradictThem) {
+  constexpr int kBegin = 30;
+  constexpr int kEnd = 60;
+  Slam slam = makeSlam();
+  auto frames = approach(0, kCount, &slam, 0.002);
+  for (int i = kBegin; i < kEnd; ++i) {
+    LiveFrame& frame = frames[static_cast<std::size_t>(i)];
+    const double from_end = std::min(i - kBegin, kEnd - 1 - i);
+    frame.pose = carriedPose(i, 1, 0.005 * from_end);
+    frame.pose->source = PoseSource::kMarkers;
+    frame.pose->covariance = frame.pose->view_covariance = 1e-8 * Matrix6d::Identity();
+    for (MarkerDetection& detection : frame.detections) {
+      for (auto& covariance : detection.covariance) covariance *= 1e4;
+    }
+  }
+  const auto all = localizeAll(frames, {}, slam);
+  for (int i = kBegin; i < kEnd; ++i) {
+    const auto& pose = all[static_cast<std::size_t>(i)].pose;
+    ASSERT_TRUE(pose) << i;
+    EXPECT_LT((pose->T_w_c.p - eyeAt(i).p).norm(), 0.045) << i << ", 0.064 by the features";
+  }
+}
+
+// Live motions are of live poses, and move a rolling shutter's corners: where those were wrong the
+// final ones tell.
+TEST_F(FinalTrajectoryTest, HowTheCameraMovedIsAskedOfTheFinalPoses) {
+  options_.shutter.readout_s = 0.02;
+  const Transform T_w_c = testing::lookAt({1.4, -3.2, 0.1}, {0.0, 0.0, -0.8});  // they are high up
+  const Slam slam = makeSlam();
+  std::vector<LiveFrame> frames;
+  for (int i = 0; i < 40; ++i) {
+    PoseEstimate pose;
+    pose.T_w_c = T_w_c;
+    if (i >= 10 && i < 30) pose.twist[0] = 1.0;
+    frames.push_back({i * 33'333'333LL, pose,
+                      testing::observeAll(camera_, T_w_c, markers_, kSide_m, 0.002, &rng_)});
+  }
+  const auto all = localizeAll(frames, {}, slam);
+  for (std::size_t i = 0; i < all.size(); ++i) {
+    ASSERT_TRUE(all[i].pose) << i;
+    EXPECT_LT((all[i].pose->T_w_c.p - T_w_c.p).norm(), 0.004) << i << ", 0.059 with live motions";
+  }
+}
+
 // Pictures alone: no frame's markers are in the map.
 TEST_F(FinalTrajectoryTest, WithoutAnyMarkerPosesAreAsTheyWereLive) {
   Slam slam = makeSlam();

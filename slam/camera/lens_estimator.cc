@@ -8,6 +8,7 @@
 
 #include "slam/camera/readout_estimate.h"
 #include "slam/camera/undistort_map.h"
+#include "slam/optimization/late_correction.h"
 #include "slam/optimization/map_optimizer.h"
 
 namespace waymark::slam {
@@ -114,11 +115,9 @@ std::optional<Transform> LensEstimator::collect(const RollingShutterEstimator& s
     return std::nullopt;
   }
   dated_anew_ = false;
-  auto T_new_old = adopt(coming.estimate, coming.readout_s, map);
-  if (const auto by_whole = applyWhole(correction, map)) {
-    T_new_old = *by_whole * T_new_old.value_or(Transform{});
-  }
-  return T_new_old;
+  putInUse(coming.estimate);
+  undistortAgain(*camera_, coming.readout_s, map, knowledge_->since_ns);
+  return applyWhole(correction, map);
 }
 
 void LensEstimator::beginWhole(const LensEstimate& estimate, double readout_s,
@@ -224,7 +223,7 @@ bool LensEstimator::believes(const LensEstimate& estimate, const Map& map) const
 
 std::optional<Transform> LensEstimator::seeThrough(const LensEstimate& estimate, double readout_s,
                                                    std::int64_t since_ns, Map* map) {
-  auto T_new_old = applyAround(estimate.correction.keyframes.back().id, estimate.correction, map);
+  auto T_new_old = applyAllLate(estimate.correction, map);
   undistortAgain(estimate.camera, readout_s, map, since_ns);
   return T_new_old;
 }

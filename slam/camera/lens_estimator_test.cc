@@ -75,6 +75,23 @@ TEST_F(LensEstimatorTest, LensAndMapChangeTogether) {
   }
 }
 
+// What joins while it is being estimated goes where the newest keyframe of then goes.
+TEST_F(LensEstimatorTest, WhatJoinsMeanwhileMovesAlong) {
+  see(shifted(truth_, -0.02, -0.05, 8.0));
+  LensOptions options;
+  options.urgent_cost = 0.0;
+  LensEstimator estimator = this->estimator(options);
+  estimator.work(50.0, shutter_, map_, kBundle);
+  ASSERT_FALSE(estimator.isDone());
+  const Keyframe newest = map_.keyframes().rbegin()->second;
+  const Keyframe late = map_.keyframes().at(map_.addKeyframe(newest));
+  (void)workUntilDone(50.0, &estimator);
+  ASSERT_TRUE(estimator.collect(shutter_, kBundle, &map_));
+  const Transform& T_now = map_.keyframes().at(late.id).T_w_c;
+  EXPECT_GT((T_now.p - late.T_w_c.p).norm(), 1e-4);
+  EXPECT_LT((T_now.p - map_.keyframes().at(newest.id).T_w_c.p).norm(), 1e-9);
+}
+
 // Another world by then, say after a loop: nothing is put into it, and the lens is asked for again.
 TEST_F(LensEstimatorTest, ALensOfAWorldThatIsNoMoreIsEstimatedAgain) {
   see(shifted(truth_, -0.02, -0.05, 8.0));

@@ -1,124 +1,11 @@
 #include "slam/loop_closure/loop_adoption.h"
 
 #include <algorithm>
-#include <map>
-#include <utility>
-#include <vector>
+
+#include "slam/optimization/late_correction.h"
 
 namespace waymark::slam {
 namespace {
-
-// What becomes of poses, T_new_old: of the markers, and of the keyframes that came since. What is
-// not in it stays where it is, or is in the correction.
-struct Motions {
-  std::vector<std::pair<int, Transform>> of_corrected;         // markers, ascending
-  std::map<int, Transform> of_others;                          // markers that came since
-  std::vector<std::pair<KeyframeId, Transform>> of_keyframes;  // ascending
-
-  [[nodiscard]] const Transform* find(int marker) const {
-    const auto corrected =
-        std::ranges::lower_bound(of_corrected, marker, {}, &std::pair<int, Transform>::first);
-    if (corrected != of_corrected.end() && corrected->first == marker) return &corrected->second;
-    const auto other = of_others.find(marker);
-    return other == of_others.end() ? nullptr : &other->second;
-  }
-};
-
-// Of the markers that hang where they did when the closing began.
-Motions motionsOf(const MapCorrection& correction, const Map& map) {
-  Motions motions;
-  motions.of_corrected.reserve(correction.markers.size());
-  for (const auto& corrected : correction.markers) {
-    const MapMarker* const known = findUnmoved(map, corrected.marker);
-    if (known == nullptr) continue;
-    motions.of_corrected.emplace_back(known->id, corrected.T_w_m * known->T_w_m->inverse());
-  }
-  return motions;
-}
-
-// A keyframe that came since moves as the markers do that it sees, on average; one that sees none
-// that move goes with the others. Markers that are new move as the first keyframe does that sees
-// them.
-void addWhatCameSince(KeyframeId newest, const Transform& T_of_others, const Map& map,
-                      Motions* motions) {
-  std::vector<Transform> ends;
-  std::vector<int> perhaps_new;
-  for (auto it = map.keyframes().upper_bound(newest); it != map.keyframes().end(); ++it) {
-    const auto& [id, keyframe] = *it;
-    ends.clear();
-    perhaps_new.clear();
-    for (const MarkerDetection& detection : keyframe.detections) {
-      if (const Transform* const motion = motions->find(detection.id)) {
-        ends.push_back(*motion * keyframe.T_w_c);
-      } else {
-        perhaps_new.push_back(detection.id);
-      }
-    }
-    const Transform T_new_old =
-        ends.empty() ? T_of_others : meanTransform(ends) * keyframe.T_w_c.inverse();
-    motions->of_keyframes.emplace_back(id, T_new_old);
-    for (const int marker : perhaps_new) {
-      if (map.viewsOf(marker).front() > newest) motions->of_others.emplace(marker, T_new_old);
-    }
-  }
-}
-
-// Of a keyframe; empty for one that stays, or is gone.
-std::optional<Transform> motionOf(KeyframeId id, const MapCorrection& correction,
-                                  const Motions& motions, const Map& map) {
-  const auto since = std::ranges::lower_bound(motions.of_keyframes, id, {},
-                                              &std::pair<KeyframeId, Transform>::first);
-  if (since != motions.of_keyframes.end() && since->first == id) return since->second;
-  const auto corrected = std::ranges::lower_bound(correction.keyframes, id, {}, &KeyframePose::id);
-  const auto known = map.keyframes().find(id);
-  if (corrected == correction.keyframes.end() || corrected->id != id) return std::nullopt;
-  if (known == map.keyframes().end()) return std::nullopt;
-  return corrected->T_w_c * known->second.T_w_c.inverse();
-}
-
-// Markers that were given a pose since, by keyframes that were there.
-void addPosedSince(const MapCorrection& correction, const Map& map, Motions* motions) {
-  for (const auto& [id, marker] : map.markers()) {
-    if (!marker.T_w_m || motions->find(id) != nullptr || map.viewsOf(id).empty()) continue;
-    const auto motion = motionOf(map.viewsOf(id).front(), correction, *motions, map);
-    if (motion) motions->of_others.emplace(id, *motion);
-  }
-}
-
-void moveMarker(int id, const Transform& T_new_old, Map* map) {
-  const MapMarker* const marker = map->findPosed(id);
-  if (marker == nullptr) return;
-  const auto other =
-      marker->other_T_w_m ? std::optional(T_new_old * *marker->other_T_w_m) : std::nullopt;
-  map->place(id, T_new_old * *marker->T_w_m, other, marker->covariance);
-}
-
-void move(const Motions& motions, Map* map) {
-  for (const auto& [id, T_new_old] : motions.of_keyframes) {
-    map->setKeyframePose(id, T_new_old * map->keyframes().at(id).T_w_c);
-  }
-  for (const auto& [id, T_new_old] : motions.of_corrected) {
-    // The others are given their poses by the correction itself.
-    if (map->find(id)->other_T_w_m) moveMarker(id, T_new_old, map);
-  }
-  for (const auto& [id, T_new_old] : motions.of_others) moveMarker(id, T_new_old, map);
-}
-
-// Puts the correction into the map. T_of_others: of what came since and sees nothing that moves.
-// Where the camera went, T_new_old.
-Transform correct(const MapCorrection& correction, KeyframeId newest, const Transform& T_of_others,
-                  std::optional<KeyframeId> near_camera, Map* map) {
-  Motions motions = motionsOf(correction, *map);
-  addWhatCameSince(newest, T_of_others, *map, &motions);
-  addPosedSince(correction, *map, &motions);
-  const auto T_of_camera =
-      near_camera ? motionOf(*near_camera, correction, motions, *map) : std::nullopt;
-  move(motions, map);
-  (void)apply(correction, map);  // exactly
-  map->beginEpoch();
-  if (T_of_camera) return *T_of_camera;
-  return motions.of_keyframes.empty() ? T_of_others : motions.of_keyframes.back().second;
-}
 
 // Whether both are of one frame. Recordings need not have times, nor sequences of their own: what
 // was seen decides.
@@ -165,7 +52,8 @@ std::optional<AdoptedLoop> adopt(const ClosedLoop& loop, std::optional<KeyframeI
   if (loop.correction.epoch != map->epoch()) return std::nullopt;
   const Transform T_with_closing = loop.closing.T_w_c * loop.T_w_tracked.inverse();
   AdoptedLoop adopted;
-  adopted.T_new_old = correct(loop.correction, loop.newest, T_with_closing, near_camera, map);
+  adopted.T_new_old = applyLate(loop.correction, loop.newest, T_with_closing, near_camera, map);
+  map->beginEpoch();
   addClosing(loop, map, &adopted);
   return adopted;
 }
@@ -178,7 +66,9 @@ std::optional<Transform> adopt(const RelaxedMap& relaxed, std::optional<Keyframe
   const Transform T_of_last = last == map->keyframes().end() ? Transform{}
                                                              : correction.keyframes.back().T_w_c *
                                                                    last->second.T_w_c.inverse();
-  return correct(correction, relaxed.newest, T_of_last, near_camera, map);
+  const Transform T_new_old = applyLate(correction, relaxed.newest, T_of_last, near_camera, map);
+  map->beginEpoch();
+  return T_new_old;
 }
 
 }  // namespace waymark::slam

@@ -131,9 +131,4 @@ Task<Done> correctMarkers(const std::vector<std::vector<int>>& by_marker,
 Task<PoseGraph> covisibilityGraph(const BundleProblem& problem, int edges_per_keyframe,
                                   Budget* budget);
 
-// The rotation that minimizes the sum of squared chordal distances. Precondition: not empty.
-[[nodiscard]] Eigen::Matrix3d meanRotation(std::span<const Eigen::Matrix3d> rotations);
-// That, and the mean of the positions. Precondition: not empty.
-[[nodiscard]] Transform meanTransform(std::span<const Transform> transforms);
-
 }  // namespace waymark::slam

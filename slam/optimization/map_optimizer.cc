@@ -2,6 +2,8 @@
 
 #include <utility>
 
+#include "slam/optimization/late_correction.h"
+
 namespace waymark::slam {
 namespace {
 
@@ -41,8 +43,7 @@ Task<MapCorrection> optimizeSubproblem(const Map& map, SubproblemMembers roles,
 }
 
 std::optional<Transform> applyWhole(const MapCorrection& correction, Map* map) {
-  if (correction.keyframes.empty()) return std::nullopt;
-  auto T_new_old = applyAround(correction.keyframes.back().id, correction, map);
+  const std::optional<Transform> T_new_old = applyAllLate(correction, map);
   if (T_new_old) map->beginEpoch();
   return T_new_old;
 }

@@ -389,23 +389,31 @@ const MapMarker* bestKnownMarker(const Keyframe& keyframe, const Map& map) {
 
 }  // namespace
 
-std::optional<Transform> applyAround(KeyframeId keyframe, const MapCorrection& correction,
-                                     Map* map) {
-  const auto found = map->keyframes().find(keyframe);
-  if (found == map->keyframes().end()) {
-    return apply(correction, map) ? std::optional(Transform{}) : std::nullopt;
-  }
+Transform motionAround(KeyframeId keyframe, const MapCorrection& correction, const Map& map) {
+  const auto found = map.keyframes().find(keyframe);
+  if (found == map.keyframes().end()) return {};
   // A camera that was carried to where it is moves to where its markers want it: the world around
   // it is where these are. How a marker is turned is known too badly to turn a world by.
   const bool carried = !found->second.links.empty();
-  const MapMarker* const marker = carried ? bestKnownMarker(found->second, *map) : nullptr;
-  const int id = marker != nullptr ? marker->id : -1;
-  const Transform T_was = marker != nullptr ? *marker->T_w_m : found->second.T_w_c;
-  if (!apply(correction, map)) return std::nullopt;
-  if (id < 0) return found->second.T_w_c * T_was.inverse();
-  Transform T_new_old;
-  if (const MapMarker* const now = map->findPosed(id)) T_new_old.p = now->T_w_m->p - T_was.p;
-  return T_new_old;
+  if (const MapMarker* const marker = carried ? bestKnownMarker(found->second, map) : nullptr) {
+    Transform T_new_old;
+    for (const auto& corrected : correction.markers) {
+      if (findUnmoved(map, corrected.marker) == marker) {
+        T_new_old.p = corrected.T_w_m.p - marker->T_w_m->p;
+      }
+    }
+    return T_new_old;
+  }
+  const auto corrected =
+      std::ranges::lower_bound(correction.keyframes, keyframe, {}, &KeyframePose::id);
+  const bool is_in_it = corrected != correction.keyframes.end() && corrected->id == keyframe;
+  return is_in_it ? corrected->T_w_c * found->second.T_w_c.inverse() : Transform{};
+}
+
+std::optional<Transform> applyAround(KeyframeId keyframe, const MapCorrection& correction,
+                                     Map* map) {
+  const Transform T_new_old = motionAround(keyframe, correction, *map);
+  return apply(correction, map) ? std::optional(T_new_old) : std::nullopt;
 }
 
 }  // namespace waymark::slam

@@ -105,8 +105,12 @@ bool apply(const MapCorrection& correction, Map* map);
 // The views that took no part in the end leave the map. Precondition: its keyframes are still
 // there.
 void removeOutliers(const MapCorrection& correction, Map* map);
-// As apply(); and what it did to a keyframe, T_new_old: the identity where the map has it no more.
-// Empty where nothing is done.
+// What it will do to the world around a keyframe, T_new_old: nothing where the map has that no
+// more.
+[[nodiscard]] Transform motionAround(KeyframeId keyframe, const MapCorrection& correction,
+                                     const Map& map);
+// As apply(); and what it did to the world around a keyframe, T_new_old: the identity where the map
+// has it no more. Empty where nothing is done.
 std::optional<Transform> applyAround(KeyframeId keyframe, const MapCorrection& correction,
                                      Map* map);
 
