@@ -117,7 +117,9 @@ std::optional<Transform> LensEstimator::collect(const RollingShutterEstimator& s
   dated_anew_ = false;
   putInUse(coming.estimate);
   undistortAgain(*camera_, coming.readout_s, map, knowledge_->since_ns);
-  return applyWhole(correction, map);
+  const auto T_new_old = applyAllLate(correction, map);
+  if (T_new_old) map->beginEpoch();
+  return T_new_old;
 }
 
 void LensEstimator::beginWhole(const LensEstimate& estimate, double readout_s,

@@ -2,8 +2,6 @@
 
 #include <utility>
 
-#include "slam/optimization/late_correction.h"
-
 namespace waymark::slam {
 namespace {
 
@@ -43,7 +41,8 @@ Task<MapCorrection> optimizeSubproblem(const Map& map, SubproblemMembers roles,
 }
 
 std::optional<Transform> applyWhole(const MapCorrection& correction, Map* map) {
-  const std::optional<Transform> T_new_old = applyAllLate(correction, map);
+  if (correction.keyframes.empty()) return std::nullopt;
+  auto T_new_old = applyAround(correction.keyframes.back().id, correction, map);
   if (T_new_old) map->beginEpoch();
   return T_new_old;
 }

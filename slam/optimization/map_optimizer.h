@@ -12,8 +12,8 @@ Task<MapCorrection> optimizeSubproblem(const Map& map, SubproblemMembers roles,
                                        const MarkerOptions& markers, BundleOptions options,
                                        Budget* budget);
 
-// Puts an optimization of the whole map that is done into it, which has gone on growing: as
-// applyAllLate(). All coordinates are others then.
+// Puts an optimization of the whole map that is done into it. What that did to the newest keyframe
+// taken part: T_new_old; empty when nothing has changed. All coordinates are others then.
 std::optional<Transform> applyWhole(const MapCorrection& correction, Map* map);
 
 // Section 4.7, at once. Precondition: the keyframe exists.
